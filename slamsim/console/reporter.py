@@ -42,7 +42,7 @@ _UNWRAPPED = 100_000
 
 
 class _PlainConsole(Console):
-    """Only what rich itself makes up obeys the terminal: names may come from anybody's file."""
+    """Only what rich itself makes up obeys the terminal: names may come from a stranger's file."""
 
     def __init__(self, *, stderr: bool, quiet: bool) -> None:
         stream = sys.stderr if stderr else sys.stdout

@@ -53,7 +53,7 @@ def _cache_folder() -> Path | None:
         tempfile.TemporaryFile(dir=folder).close()
         found = folder.stat()
         if found.st_uid != os.getuid() or found.st_mode & 0o022:
-            raise PermissionError(f"{folder} could have been written to by someone else")
+            raise PermissionError(f"{folder} can be written to by other users")
     except (OSError, RuntimeError) as error:
         return _passing_folder(error)
     return folder

@@ -1,6 +1,6 @@
 """Opens input files: checks that a file exists, is a regular file and is not too large.
 
-Anybody may have written it; if it was slamsim, it must be as it was written.
+Any program may have written it; if it was slamsim, it must be as it was written.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ def own_file(folder: Path, name: str) -> Path:
     """``folder / name``, there or not; InputRefused if a link takes it out of the folder.
 
     What the user names is read wherever it lies, what is found in a folder must belong to it: a
-    folder may come from anybody.
+    folder may come from strangers.
     """
     if leads_outside(folder, name):
         reason = f"is a link that leads out of {folder}; name the file that is meant, or copy it"

@@ -7,7 +7,7 @@ import math
 _UNITS = ("B", "kB", "MB", "GB", "TB", "PB")
 _DIGITS = 4
 _LEAST = 1e-6
-"""Below this a number has more zeros behind its point than anybody counts."""
+"""Below this a number has more zeros behind its point than are readable."""
 _DAY_S = 86400
 
 

@@ -65,7 +65,7 @@ def files_in(folder: Path) -> list[str]:
 def require_as_written(path: Path, limits: Limits = LIMITS) -> None:
     """Raise DataDamaged for a file that a seal tells of and that is not as the seal has it.
 
-    A file that no seal tells of is anybody's. One that was found as it is to be is read again
+    A file without a seal is not slamsim's. One that was found as it is to be is read again
     only after it has changed. Raises InputRefused for a seal that is larger than any.
     """
     for where in names_of(path):

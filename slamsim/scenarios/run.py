@@ -27,7 +27,7 @@ from slamsim.scenarios.base import (
 )
 
 TRIAL_LIMIT_S = 600.0
-"""A trial that takes longer hangs, or was asked for more than anybody waits for."""
+"""A trial that takes longer hangs, or was asked for too much."""
 
 Listener = Callable[[str, int, int], None]
 """Called with the name of a scenario, how many of its trials are done, and how many it has."""

@@ -119,7 +119,7 @@ def test_errors_are_as_large_as_the_covariances_say() -> None:
     for seed in range(rooms):
         one = scene(100 + seed)
         result = refined(one)
-        covariances = result.sights.covariances()
+        covariances = result.information.covariances()
         error = between(one.truth[1:], result.poses[1:])
         information = np.linalg.inv(covariances[1:])
         nees.append(np.einsum("ki,kij,kj->k", error, information, error))
@@ -175,7 +175,7 @@ def test_a_closure_too_loose_for_common_surfaces_still_holds() -> None:
     edges.append(GraphEdge(0, 7, T, np.diag([0.01, 0.01, 0.0004]), "closure"))
     result = refine(one.views, one.truth, odometry, NOISE_M, edges)
     assert np.abs(between(one.truth[-1], result.poses[-1])[:2]).max() < 0.03
-    sigmas = np.sqrt(np.diag(result.sights.covariances()[-1]))
+    sigmas = np.sqrt(np.diag(result.information.covariances()[-1]))
     np.testing.assert_allclose(sigmas, [0.1, 0.1, 0.02], rtol=0.15)
 
 

@@ -137,7 +137,7 @@ def plot_picture(plot: Plot, key: str) -> Picture:
 
 
 def _thinned(curve: Curve) -> tuple[FloatArray, FloatArray]:
-    """At most so many points as anybody can see, and only finite ones."""
+    """At most so many points as a plot can show, and only finite ones."""
     finite = np.flatnonzero(np.isfinite(curve.x) & np.isfinite(curve.y))
     every = max(finite.size // _CURVE_POINTS, 1)
     chosen = finite[::every]

@@ -24,7 +24,7 @@ from slamsim.slam.backend.graph import variance_factor
 from slamsim.slam.backend.marginals import relative_covariances
 from slamsim.slam.backend.refinement import refine_keyframes
 from slamsim.slam.backend.solution import Solution
-from slamsim.slam.backend.surface_information import Sights
+from slamsim.slam.backend.surface_information import SurfaceInformation
 from slamsim.slam.calibration.recalibrate import Recalibration
 from slamsim.slam.calibration.solve import Solved
 from slamsim.slam.closures.search import ClosureSearch
@@ -66,7 +66,7 @@ class BackEnd:
         self._held = 0
         self._suspected: list[Event] = []
         self._unrefined = ""
-        self.sights: Sights | None = None
+        self.information: SurfaceInformation | None = None
         """What holds the key frames, once finished and refined."""
         self.unrefined = np.zeros((0, 3))
         """(n, 3) T_map_base of the key frames when the last closures were in."""
@@ -377,15 +377,15 @@ class BackEnd:
         """
         noise_m, edges, held = self._cutter.noise_m, self._solution.edges, max(self._held, 1)
         try:
-            poses, sights = refine_keyframes(
+            poses, information = refine_keyframes(
                 self.keyframes, self.poses, self._odometry_noise, noise_m, edges, held
             )
         except NotRefined as refusal:
             self._unrefined = str(refusal)
             return None
-        covariances = np.concatenate([np.zeros((held - 1, 3, 3)), sights.covariances()])
+        covariances = np.concatenate([np.zeros((held - 1, 3, 3)), information.covariances()])
         self._solution.estimate.move(poses)
-        self.sights = sights
+        self.information = information
         return covariances
 
     def _graph_covariances(self) -> FloatArray:

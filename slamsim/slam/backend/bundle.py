@@ -34,7 +34,7 @@ from slamsim.models.line_bundle import (
 from slamsim.models.supernodes import add_block, empty_system, make_panels
 from slamsim.slam.backend.association import Shared, loose_closures, share_surfaces
 from slamsim.slam.backend.marginals import add_edges, edge_covariances
-from slamsim.slam.backend.surface_information import Sights
+from slamsim.slam.backend.surface_information import SurfaceInformation
 from slamsim.slam.frontend.odometry import ELSEWHERE
 from slamsim.slam.matching.surfaces import BEAMS, MEAN, SCATTER
 
@@ -76,11 +76,11 @@ class NotRefined(SlamsimError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Refined:
-    """poses: (n, 3) T_map_base of the key frames. sights: what holds them there. roughness_m:
+    """poses: (n, 3) T_map_base of the key frames. information: what holds them there. roughness_m:
     standard deviation by which surfaces differ from straight lines, beyond the noise of ranges."""
 
     poses: FloatArray
-    sights: Sights
+    information: SurfaceInformation
     roughness_m: float
 
 
@@ -109,7 +109,7 @@ def refine(
         poses = bundle.relax(poses, steps)
     assert bundle is not None
     bundle.check(begun_at, poses)
-    return Refined(poses, bundle.sights(poses), bundle.roughness_m)
+    return Refined(poses, bundle.information(poses), bundle.roughness_m)
 
 
 class _Bundle:
@@ -167,7 +167,7 @@ class _Bundle:
                 break
         return poses
 
-    def sights(self, poses: FloatArray) -> Sights:
+    def information(self, poses: FloatArray) -> SurfaceInformation:
         """What was seen and what was driven, each for itself."""
         steps = np.asarray(np.linalg.inv(self._believed_edges(poses)[1]), np.float64)
         seen = self._surface_system(poses)
@@ -177,7 +177,9 @@ class _Bundle:
         ends = np.stack([self._sources, self._targets], axis=1)[self._count :]
         drift, loose = np.split(steps, [self._count])
         closures = np.maximum(ends - (self._held - 1), 0), loose
-        return Sights(self._panels, seen, drift, closures, pairs, poses, np.zeros_like(poses))
+        return SurfaceInformation(
+            self._panels, seen, drift, closures, pairs, poses, np.zeros_like(poses)
+        )
 
     def check(self, before: FloatArray, after: FloatArray) -> None:
         """Raise NotRefined unless the poses became more likely without being torn about."""

@@ -12,7 +12,7 @@ from slamsim.core.geometry import compose, inverse
 from slamsim.core.result import GraphEdge
 from slamsim.core.types import FloatArray
 from slamsim.slam.backend.bundle import refine
-from slamsim.slam.backend.surface_information import Sights
+from slamsim.slam.backend.surface_information import SurfaceInformation
 from slamsim.slam.frontend.keyframes import Keyframe, odometry_edge
 from slamsim.slam.frontend.preintegration import OdometryNoise
 
@@ -24,7 +24,7 @@ def refine_keyframes(
     noise_m: float,
     edges: Sequence[GraphEdge],
     held: int = 1,
-) -> tuple[FloatArray, Sights]:
+) -> tuple[FloatArray, SurfaceInformation]:
     """(n, 3) T_map_base beginning at ``poses``, and what holds them there; raises as ``refine``.
 
     noise: of the odometry. noise_m: standard deviation of a range. edges: of the graph.
@@ -35,4 +35,4 @@ def refine_keyframes(
     T_base_view = np.array([keyframe.T_base_view for keyframe in keyframes])
     refined = refine(views, compose(poses, T_base_view), odometry, noise_m, edges, held)
     poses = compose(refined.poses, inverse(T_base_view))
-    return poses, replace(refined.sights, T_base_view=T_base_view[held - 1 :])
+    return poses, replace(refined.information, T_base_view=T_base_view[held - 1 :])

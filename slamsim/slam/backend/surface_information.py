@@ -33,7 +33,7 @@ class Sure(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sights:
+class SurfaceInformation:
     """What holds n views of a map together.
 
     panels, values: what the views of shared surfaces say, a system whose unknowns are small steps
@@ -86,24 +86,26 @@ class Sights:
         return Joined(self.poses, 0, seen, steps)
 
 
-def smoothed_covariances(sights: Sights, graph: MapGraph, first: int, smoothed: Smoothed) -> Sure:
+def smoothed_covariances(
+    information: SurfaceInformation, graph: MapGraph, first: int, smoothed: Smoothed
+) -> Sure:
     """Of the smoothed key frames from number ``first`` of the graph on.
 
     smoothed: the drive of these key frames, which alone is laid onto the truth. Where only a guess
     of the front end joins two of them, it stays as unsure as it was. Poses that are held fixed are
     the map.
     """
-    held = len(graph.keyframes) - len(sights.poses)
+    held = len(graph.keyframes) - len(information.poses)
     stamps_ns = graph.keyframes.stamps_ns[first:]
     first -= held
     guessed = {edge.target - held for edge in graph.edges if edge.kind == "odometry"}
-    count = len(sights.poses)
+    count = len(information.poses)
     driven = np.array([k not in guessed for k in range(first + 1, count)], dtype=np.bool_)
-    drift, scatter = sights.drift.copy(), np.zeros((count, 3, 3))
-    to_view = adjoint(inverse(sights.T_base_view[first + 1 :]))
+    drift, scatter = information.drift.copy(), np.zeros((count, 3, 3))
+    to_view = adjoint(inverse(information.T_base_view[first + 1 :]))
     drift[first:][driven] = _carried(to_view, drift_between(smoothed, stamps_ns))[driven]
     scatter[first:] = smoothed.covariances[_numbers(smoothed, stamps_ns)]
-    sure = replace(sights, drift=drift).smoothed(scatter, first)
+    sure = replace(information, drift=drift).smoothed(scatter, first)
     return sure._replace(in_map=sure.relative) if held else sure
 
 

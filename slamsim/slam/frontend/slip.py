@@ -147,7 +147,7 @@ def coasted(T_odometry: FloatArray, velocity: FloatArray, seconds: float, gyro: 
 
 
 def _told(slip: _Open) -> tuple[Event, ...]:
-    """The event in words; nothing if it is too small to matter to anybody."""
+    """The event in words; nothing if it is too small to matter."""
     moved_m, turned_rad = float(np.hypot(*slip.wheels[:2])), abs(slip.turn_rad)
     by = "the gyroscope"
     if abs(slip.wheels[2]) > turned_rad:

@@ -96,9 +96,9 @@ def _smoothed_graph(
     stamps_ns = graph.keyframes.stamps_ns
     keyframes = PlanarTrajectory(stamps_ns, smoothed.track.at(stamps_ns))
     graph = replace(graph, keyframes=keyframes)
-    if outcome.sights is None:
+    if outcome.information is None:
         return graph
-    sure = smoothed_covariances(outcome.sights, outcome.graph, first, smoothed)
+    sure = smoothed_covariances(outcome.information, outcome.graph, first, smoothed)
     return replace(graph, covariances=sure.relative, in_map=sure.in_map)
 
 

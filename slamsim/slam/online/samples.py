@@ -32,7 +32,7 @@ NOTHING = MotionSamples()
 
 
 class MotionSource(Protocol):
-    """Knows how the robot moved, as far as anybody can know by now."""
+    """Knows how the robot moved, as far as messages tell by now."""
 
     def add(self, samples: MotionSamples) -> None:
         """Take what arrived."""

@@ -14,7 +14,7 @@ from slamsim.core.result import Event, FailedStage, MapGraph
 from slamsim.core.types import FloatArray, IntArray, PlanarPoses
 from slamsim.slam.backend.back_end import BackEnd
 from slamsim.slam.backend.correction import Correction
-from slamsim.slam.backend.surface_information import Sights
+from slamsim.slam.backend.surface_information import SurfaceInformation
 from slamsim.slam.calibration.solve import Solved
 from slamsim.slam.frontend.keyframes import Keyframe
 from slamsim.slam.mapping.saved_map import SavedMap
@@ -27,9 +27,9 @@ MOVED_M, MOVED_RAD = 0.005, 0.001
 class BackEndOutcome:
     """What the back end made of all key frames in the end.
 
-    unrefined: where the graph alone had put them, before the final refinement. sights: what holds
-    them since then, None without it. failed: stages whose work is missing. withdrawn_ns: ends of
-    the events that said the robot had been carried, and that later evidence refuted.
+    unrefined: where the graph alone had put them, before the final refinement. information: what
+    holds them since then, None without it. failed: stages whose work is missing. withdrawn_ns: ends
+    of the events that said the robot had been carried, and that later evidence refuted.
     """
 
     graph: MapGraph
@@ -40,7 +40,7 @@ class BackEndOutcome:
     seconds: Mapping[str, float]
     refusals: Mapping[str, int]
     calibration: Solved | None = None
-    sights: Sights | None = None
+    information: SurfaceInformation | None = None
     failed: tuple[FailedStage, ...] = ()
     withdrawn_ns: frozenset[int] = frozenset()
 
@@ -152,7 +152,7 @@ def outcome_of(back_end: BackEnd, progress: Progress) -> BackEndOutcome:
         dict(back_end.seconds),
         dict(back_end.refusals),
         back_end.calibration,
-        back_end.sights,
+        back_end.information,
         tuple(back_end.failures),
         back_end.withdrawn_ns,
     )

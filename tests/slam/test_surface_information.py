@@ -15,7 +15,7 @@ from slamsim.core.types import FloatArray, PlanarTrajectory
 from slamsim.models.supernodes import add_block, empty_system, make_panels
 from slamsim.slam.backend.smoothing import Smoothed
 from slamsim.slam.backend.surface_information import (
-    Sights,
+    SurfaceInformation,
     drift_between,
     smoothed_covariances,
     with_scatter,
@@ -30,7 +30,7 @@ def spd(rng: np.random.Generator, *shape: int) -> FloatArray:
     return np.asarray(root @ np.swapaxes(root, -1, -2) + 0.1 * np.eye(3))
 
 
-def nothing_seen(poses: FloatArray) -> tuple[Sights, FloatArray]:
+def nothing_seen(poses: FloatArray) -> tuple[SurfaceInformation, FloatArray]:
     """Poses that see nothing in common, and how far odometry may be off: (count - 1, 3, 3)."""
     count = len(poses)
     rng = np.random.default_rng(count)
@@ -40,7 +40,9 @@ def nothing_seen(poses: FloatArray) -> tuple[Sights, FloatArray]:
     nowhere = np.zeros((0, 2), dtype=np.int64)
     seen = empty_system(panels)
     closures = nowhere, np.zeros((0, 3, 3))
-    return Sights(panels, seen, drift, closures, nowhere, poses, np.zeros_like(poses)), drift
+    return SurfaceInformation(
+        panels, seen, drift, closures, nowhere, poses, np.zeros_like(poses)
+    ), drift
 
 
 def driven(poses: FloatArray, drift: FloatArray, covariances: FloatArray) -> Smoothed:
@@ -84,8 +86,8 @@ def test_covariances_are_the_dense_inverse_of_all_that_was_seen_and_driven(
         ends[:, 3 * second : 3 * second + 3] = np.eye(3)
         dense += ends.T @ np.linalg.inv(covariance) @ ends
     inverse = np.asarray(np.linalg.inv(dense[3:, 3:]), np.float64)
-    sights = Sights(panels, seen, drift, (loop, loose), pairs, poses, T_base_view)
-    found = sights.covariances()
+    information = SurfaceInformation(panels, seen, drift, (loop, loose), pairs, poses, T_base_view)
+    found = information.covariances()
     assert not found[0].any()
     for k in range(1, count):
         own = adjoint(T_base_view[k])
@@ -96,7 +98,7 @@ def test_covariances_are_the_dense_inverse_of_all_that_was_seen_and_driven(
     joint[3:, 3:] = inverse
     joint = to_base @ joint @ to_base.T + block_diag(*scatter)
     base = compose(poses, inverse_of(T_base_view))
-    same_within(sights.smoothed(scatter).in_map, by_least_squares(base, joint))
+    same_within(information.smoothed(scatter).in_map, by_least_squares(base, joint))
 
 
 @settings(max_examples=20)
@@ -112,7 +114,7 @@ def test_within_the_map_bridges_count_as_they_lie(seed: int, count: int) -> None
     panels = make_panels(number[ends], count - 1)
     nowhere = np.zeros((0, 2), dtype=np.int64)
     seen, level = empty_system(panels), np.zeros_like(poses)
-    sights = Sights(panels, seen, drift, (loop, loose), nowhere, poses, level)
+    information = SurfaceInformation(panels, seen, drift, (loop, loose), nowhere, poses, level)
     dense = np.zeros((3 * count, 3 * count))
     for (source, target), covariance in zip(ends, [*drift, *loose], strict=True):
         row = np.zeros((3, 3 * count))
@@ -122,7 +124,7 @@ def test_within_the_map_bridges_count_as_they_lie(seed: int, count: int) -> None
     joint = block_diag(*scatter)
     joint[3:, 3:] += np.linalg.inv(dense[3:, 3:])
     for first in {0, count - 3}:  # the drive alone is laid onto the truth, as for the ATE
-        found = sights.smoothed(scatter, first).in_map
+        found = information.smoothed(scatter, first).in_map
         same_within(found, by_least_squares(poses[first:], joint[3 * first :, 3 * first :]))
 
 
@@ -192,13 +194,13 @@ def test_scatter_of_the_first_pose_is_in_all_others() -> None:
 @pytest.mark.parametrize("first", [0, 2])
 def test_where_a_guess_joins_two_key_frames_the_drive_makes_them_no_surer(first: int) -> None:
     poses = np.random.default_rng(3).normal(size=(6, 3))
-    sights, drift = nothing_seen(poses)
+    information, drift = nothing_seen(poses)
     tiny = np.tile(1e-7 * np.eye(3), (5, 1, 1))
     whole = graph_of(driven(poses, tiny, np.zeros((6, 3, 3))), 1, {4: "odometry"})
     drive = driven(poses[first:], tiny[first:], np.zeros((6 - first, 3, 3)))
     stamps_ns = np.append(np.arange(first) - 10, np.arange(6 - first)) * SECOND_NS
     graph = PoseGraph(PlanarTrajectory(stamps_ns, poses), whole.covariances, whole.edges)
-    found = smoothed_covariances(sights, graph, first, drive).relative
+    found = smoothed_covariances(information, graph, first, drive).relative
     expected = np.zeros((3, 3))
     for k in [*range(first), 3]:
         carry = adjoint(between(poses[5], poses[k + 1]))
