@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from slamsim.perception.calibration.sightings import CornerMisfits
 from slamsim.report.figures.run import Picture
 from slamsim.report.pages import calibration
 from slamsim.report.pages.calibration import CalibratedView, Misfits, write_calibration_report
+from slamsim.run.cameras.calibration_files import write_calibration
+from slamsim.run.cameras.calibration_report import Calibrated, CameraResult
 
 SQUARE_PX = np.array([[10.0, 10.0], [50.0, 10.0], [50.0, 40.0], [10.0, 40.0]])
 
@@ -68,3 +71,19 @@ def test_arrows_of_many_tags_are_of_all_their_corners(monkeypatch: pytest.Monkey
     monkeypatch.setattr(calibration, "_MOST_ARROWS", 30)
     assert isinstance(calibration._arrows("a", misfits(30)), Picture)
     assert drawn == [set(map(tuple, SQUARE_PX.tolist()))]
+
+
+@pytest.mark.parametrize(("near", "shown"), [([True, True, False], True), ([False] * 3, False)])
+def test_corners_that_the_fit_has_out_of_sight_are_not_drawn(
+    near: list[bool], shown: bool, tmp_path: Path
+) -> None:
+    """They are off by the width of the image, which would be all that a plot shows."""
+    off_px = np.where(np.array(near)[:, None], 0.25, 640.0) * np.ones(2)
+    lens = CornerMisfits(np.full((3, 2), 100.0), off_px, np.array([0.0, 1.0, 2.0]))
+    camera = CameraResult("/camera", "optical", {}, (), lens=lens, size=(640, 480))
+    write_calibration(tmp_path, Calibrated((camera,), (), ()))
+    page = (tmp_path / "report.html").read_text()
+    assert ("Where corners of board are off" in page) == shown
+    if shown:
+        by = round(0.05 * 640 / np.hypot(0.25, 0.25))
+        assert f"off, {by} times" in page

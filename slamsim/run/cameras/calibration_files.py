@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import yaml
 
 from slamsim.core.geometry import xyzw_from_matrix
@@ -12,6 +13,7 @@ from slamsim.guard.numbers import as_json
 from slamsim.guard.output import write_atomic
 from slamsim.io.cameras.writers import calibration_yaml
 from slamsim.perception.calibrated import MOUNT
+from slamsim.perception.calibration.sightings import CornerMisfits
 from slamsim.report.pages.calibration import CalibratedView, Misfits, write_calibration_report
 from slamsim.run.cameras.calibration_report import (
     Calibrated,
@@ -91,9 +93,18 @@ def _view(result: CameraResult) -> CalibratedView:
         "tags": (None if result.mount is None else result.mount.misfits, "time [s]"),
     }
     misfits = {
-        name: Misfits(result.size, told.corners_px, told.off_px, told.at, axis)
+        name: shown
         for name, (told, axis) in found.items()
-        if told is not None
+        if told is not None and (shown := _misfits(result.size, told, axis)) is not None
     }
     rows = [quantity_row(each) for each in result.quantities]
     return CalibratedView(result.topic, result.facts, rows, misfits)
+
+
+def _misfits(size: tuple[int, int], told: CornerMisfits, axis: str) -> Misfits | None:
+    """Those of corners that the fit has in sight: others are off by a number that stands for all
+    that is too far. None if there is none."""
+    near = (np.abs(told.off_px) < size[0]).all(axis=1)
+    if not near.any():
+        return None
+    return Misfits(size, told.corners_px[near], told.off_px[near], told.at[near], axis)
