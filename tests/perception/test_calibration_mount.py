@@ -139,6 +139,12 @@ def test_tags_that_are_seen_tilted_the_wrong_way_do_not_hide_the_mount(short: Dr
         mount_by_motions(few, SmoothPath(short.path), 0.4)
 
 
+def test_what_an_unclaimed_mount_lacks_is_told(short: Driven) -> None:
+    straight = replace(short.path, poses=short.path.poses * [1.0, 1.0, 0.0])
+    with pytest.raises(NoSolution, match="turned too little"):
+        best_start(short.views, SHORT.model, straight, [])
+
+
 def test_the_path_of_another_robot_explains_nothing(short: Driven) -> None:
     other = replace(short.path, poses=short.path.poses[::-1].copy())
     with suppress(NoSolution):

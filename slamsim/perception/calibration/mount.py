@@ -173,13 +173,17 @@ def best_start(
     from that which motions alone tell (``mount_by_motions``).
 
     For cameras of which nothing is claimed, or perhaps something wrong by more than some 40
-    degrees. Raises TooFew as ``fit_mount``, and NoSolution where no start leads anywhere.
+    degrees. Raises TooFew as ``fit_mount``, and NoSolution where no start leads anywhere, or there
+    is none.
     """
     path = SmoothPath(trajectory)
     used = _usable(views, path)
-    heights_m = [float(start[2, 3]) for start in starts]
-    with suppress(NoSolution):
-        starts = [*starts, mount_by_motions(used, path, heights_m[0] if heights_m else USUAL_M)]
+    height_m = float(starts[0][2, 3]) if starts else USUAL_M
+    try:
+        starts = [*starts, mount_by_motions(used, path, height_m)]
+    except NoSolution:
+        if not starts:
+            raise
     used = used.those(np.arange(0, len(used), max(1, len(used) // MOST_TO_START)))
     numbers, tag_of = np.unique(used.numbers, return_inverse=True)
     found = []
