@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -104,6 +105,8 @@ def read_calibration(file: str) -> CalibratedCameras:
     data: Any = load_yaml(path).data
     with as_input_errors(path, "calibration of cameras"):
         found = {str(topic): dict(entry) for topic, entry in dict(data["cameras"]).items()}
+        if not found:
+            raise ValueError("there is no camera in it")
     return CalibratedCameras({topic: _camera(path, topic, entry) for topic, entry in found.items()})
 
 
@@ -128,7 +131,11 @@ def _camera(path: Path, topic: str, entry: Mapping[str, Any]) -> CalibratedCamer
 
 
 def _mount(told: Mapping[str, Any]) -> FloatArray:
-    mount = MountConfig(**{name: float(told[name]) for name in MOUNT})
+    numbers = {name: float(told[name]) for name in MOUNT}
+    if not all(map(math.isfinite, numbers.values())):
+        raise ValueError(f"mount has numbers that are not finite: {numbers}")
+    # Of any robot, which may be larger than those that are simulated.
+    mount = MountConfig.model_construct(None, **numbers)
     return np.asarray(mount_transform(mount) @ se3_from_parts(R_BODY_OPTICAL, np.zeros(3)))
 
 

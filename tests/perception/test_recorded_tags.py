@@ -116,6 +116,10 @@ def test_what_was_calibrated_counts_for_a_topic_and_its_frame(tmp_path: Path) ->
     depth = found.of("/front/aligned_depth/image_raw", "front_optical")
     assert depth.model is None and depth.clock == raw.clock
     assert found.of("/rear/image_raw", "rear_optical").T_base_camera is None
+    far = ENTRY.replace("x_m: 0.1", "x_m: -2.6").replace("z_m: 0.3", "z_m: -0.1")
+    long = read_calibration(calibrated(tmp_path, far))
+    ahead = long.of("/front/color/image_raw", "").T_base_camera
+    assert ahead is not None and ahead[[0, 2], 3].tolist() == [-2.6, -0.1]
 
 
 def test_cameras_that_were_not_calibrated_are_told(
@@ -174,6 +178,7 @@ def test_what_was_inconclusive_stays_as_recorded(
     ("was", "now", "said"),
     [
         ("cameras:", "camera:", "calibration of cameras"),
+        (ENTRY, "cameras: {}", "there is no camera in it"),
         ("stamps_late_s: 0.012", "stamps_late_s: 1e9", "stamps_late_s is 1e.09"),
         ("x_m: 0.1", "x_m: .nan", "camera /front/color"),
         ("front.yaml", "../front.yaml", "must lie inside the folder"),
