@@ -79,6 +79,19 @@ def test_without_a_gyroscope_the_scans_are_believed_and_wheels_blamed() -> None:
     assert explain(calibration).wrong == {"track"}
 
 
+def test_wheels_alone_say_nothing_of_how_far_scans_turn() -> None:
+    """Their track may be off by ten times what is asked of the angle between beams."""
+    rng, sigmas = np.random.default_rng(5), np.array([1e-3, 2e-4])
+    known = np.array([True, True, False, False])
+    for _ in range(100):
+        off = {size: HEALTHY_SHARE * LIMITS[size] * rng.standard_normal() for size in OF_ROBOTS}
+        gain = sum(off[size] * EFFECTS[size] for size in OF_ROBOTS)
+        seen = np.asarray(gain)[known] + sigmas * rng.normal(size=2)
+        gains = explanation._Gains(seen, np.diag(np.square(sigmas)), known)
+        assert "scan_turns" not in explanation._fewest(gains)
+        assert explanation._told(gains, "scan_turns", ()) is None
+
+
 @pytest.mark.parametrize(("wrong", "by"), [("radius", 0.0), ("radius", 0.01), ("track", 0.02)])
 def test_intervals_of_a_size_hold_what_the_others_of_a_healthy_robot_add(
     wrong: Size, by: float

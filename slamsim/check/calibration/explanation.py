@@ -156,6 +156,10 @@ def _sets(gains: _Gains, count: int) -> Iterator[tuple[Size, ...]]:
 
 
 def _told_apart(gains: _Gains, chosen: tuple[Size, ...]) -> bool:
+    """Wheels alone tell the turns of scans no better than their track is known, ten times too
+    little: gyroscope or the scans' own shape is needed."""
+    if "scan_turns" in chosen and not gains.known[2:].any():
+        return False
     return not chosen or bool(np.linalg.matrix_rank(gains.effects(chosen)) == len(chosen))
 
 
