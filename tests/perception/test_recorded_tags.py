@@ -15,13 +15,15 @@ from scipy.spatial.transform import Rotation
 
 from slamsim.cameras.lens import CameraModel, pinhole
 from slamsim.config.loading import load_run_config
+from slamsim.console.reporter import Reporter
 from slamsim.guard.errors import InputRefused, NotFound
 from slamsim.io.cameras.writers import calibration_yaml
 from slamsim.perception import recorded
 from slamsim.perception.calibrated import NO_CALIBRATION, CameraClock, read_calibration
 from slamsim.recording import Recording, TransformEdge
 from slamsim.recording.mountings import base_frame_of
-from slamsim.run.cameras.asked import refuse_wrong_files
+from slamsim.run.cameras.asked import from_images, refuse_wrong_files
+from slamsim.run.stages import Stages
 
 CAMERA = pinhole(64, 48, 60.0)
 
@@ -150,13 +152,16 @@ def test_images_of_another_size_than_calibrated_are_refused(
             recorded._usable(tmp_path, opened, opened, found)
 
 
-def test_what_is_inconclusive_is_told_once(
+def test_what_is_inconclusive_and_what_is_not_used_is_told(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     file = calibrated(tmp_path, ENTRY.replace("late by: fault", "late by: inconclusive"))
     config = load_run_config(None, None, [f"slam.camera_calibration={file}"])
-    assert list(refuse_wrong_files(config).cameras) == ["/front/color/image_raw/compressed"]
+    found = refuse_wrong_files(config)
+    assert list(found.cameras) == ["/front/color/image_raw/compressed"]
     assert caplog.text.count("is inconclusive") == 1
+    from_images(tmp_path, Recording("r", "memory"), config, Stages(Reporter(quiet=True)), found)
+    assert "--calibration changes nothing" in caplog.text
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,7 @@ from slamsim.run.stages import Stages
 from slamsim.sensors.cameras.entry import CameraSettings
 from slamsim.slam.frontend.scan_order import NothingSeen, nothing_seen
 
+_log = logging.getLogger(__name__)
 _KINDS = {"Image", "CompressedImage"}
 
 
@@ -81,7 +83,10 @@ def from_images(
     Raises as ``layer_sources`` and ``tags_seen``.
     """
     sources = layer_sources(path, recording, config.mapping.layers, calibrated)
-    if not config.slam.landmarks.tags:
+    is_for_tags, layers = bool(config.slam.landmarks.tags), config.mapping.layers
+    if calibrated.cameras and not (is_for_tags or layers.obstacles or layers.labels):
+        _log.warning("--calibration changes nothing without --tags, --obstacles or --labels")
+    if not is_for_tags:
         return sources, NO_TAGS
     with stages.stage("tags", "images/s") as progress:
         tags = tags_seen(path, recording, config.slam.landmarks, progress, calibrated)
