@@ -100,7 +100,7 @@ def read_calibration(file: str) -> CalibratedCameras:
     What was inconclusive is left out, and that is told. Raises NotFound or InputRefused.
     """
     if not file:
-        return CalibratedCameras()
+        return NO_CALIBRATION
     path = Path(file)
     data: Any = load_yaml(path).data
     with as_input_errors(path, "calibration of cameras"):

@@ -173,8 +173,7 @@ def _edge(
     if found is None:
         return None
     those, off, rise = found
-    middles = 0.5 * (across[1:] + across[:-1])
-    width_px = float(np.sqrt(rise @ (middles - rise @ middles) ** 2))
+    width_px = _width_px(rise, across)
     by_blocks_px = BLOCK_SHIFT_PX * np.sqrt(min(1.0, BLOCK_PX / length))
     blurred_px = BLURRED_SHARE * max(0.0, width_px - BLURRED_CELLS * cell_px) + SHIFT_FLOOR_PX
     shift_px = float(np.hypot(blurred_px, by_blocks_px))
@@ -211,7 +210,18 @@ def _by_steps(
     if np.count_nonzero(those) < LEAST_POINTS:
         return None
     rise = rise[those] / sums[those, None]
-    return those, rise @ (0.5 * (across[1:] + across[:-1])), rise.mean(axis=0)
+    return those, rise @ _between(across), rise.mean(axis=0)
+
+
+def _between(across: FloatArray) -> FloatArray:
+    """(k - 1,) the middles of the steps."""
+    return np.asarray(0.5 * (across[1:] + across[:-1]))
+
+
+def _width_px(rise: FloatArray, across: FloatArray) -> float:
+    """Standard deviation of where a mean rise (k - 1,) stands."""
+    middles = _between(across)
+    return float(np.sqrt(rise @ (middles - rise @ middles) ** 2))
 
 
 def _by_area(
@@ -226,9 +236,7 @@ def _by_area(
     if steps is None:
         return None
     rise = steps[2]
-    middles = 0.5 * (across[1:] + across[:-1])
-    width_px = float(np.sqrt(rise @ (middles - rise @ middles) ** 2))
-    half = max(LEAST_HALF_PX, HALF_WIDTHS * width_px)
+    half = max(LEAST_HALF_PX, HALF_WIDTHS * _width_px(rise, across))
     if half > across[-LEVEL_SAMPLES - 1]:
         return steps
     inner = np.abs(across) <= half

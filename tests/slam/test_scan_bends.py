@@ -47,7 +47,7 @@ def test_an_arc_is_a_parabola_of_half_its_curvature(radius_m: float) -> None:
 
 @pytest.mark.parametrize("seed", range(3))
 def test_bends_are_those_of_dense_least_squares(seed: int) -> None:
-    """Line and bend together, the bend known beforehand as far as it is."""
+    """Line and bend together, with the prior of the bend."""
     points, weights = seen(seed, 1.0)
     points = points + 0.01 * np.random.default_rng(seed).normal(size=points.shape)
     lines = fit_lines(points, weights, STARTS)
