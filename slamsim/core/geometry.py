@@ -194,10 +194,11 @@ def se2_from_se3(T_a_b: _FloatArray) -> _FloatArray:
 
 
 def se3_from_se2(T_a_b: _FloatArray) -> _FloatArray:
-    """(4, 4) of a planar transform (3,) x, y, yaw."""
-    T = np.eye(4)
-    T[:3, :3] = rotation(T_a_b[2])
-    T[:2, 3] = T_a_b[:2]
+    """(..., 4, 4) of planar transforms (..., 3) x, y, yaw."""
+    T = np.zeros((*T_a_b.shape[:-1], 4, 4))
+    T[..., :3, :3] = rotation(T_a_b[..., 2])
+    T[..., :2, 3] = T_a_b[..., :2]
+    T[..., 3, 3] = 1.0
     return T
 
 

@@ -30,6 +30,7 @@ caching: Any = numba_caching
 
 _log = logging.getLogger(__name__)
 _Function = TypeVar("_Function", bound=Callable[..., Any])
+_PACKAGE = Path(__file__).parents[1]
 _DIGEST_BYTES = hashlib.sha256().digest_size
 
 
@@ -39,9 +40,8 @@ def _cache_folder() -> Path | None:
 
     A cache is code: one that another user could have written to is not used.
     """
-    package = Path(__file__).parents[1]
     digest = hashlib.sha256(numba.__version__.encode())
-    for source in sorted(package.rglob("*.py")):
+    for source in sorted(_PACKAGE.rglob("*.py")):
         text = source.read_bytes()
         if b"@kernel" in text:
             digest.update(text)
@@ -92,8 +92,11 @@ class _Impl(caching.CompileResultCacheImpl):  # type: ignore[misc]
     _locator_classes = [_Locator]  # noqa: RUF012 - a name of theirs
 
     def get_filename_base(self, fullname: str, abiflags: str) -> str:
-        folder = hashlib.sha256(self._locator._py_file.encode()).hexdigest()[:8]
-        return f"{super().get_filename_base(fullname, abiflags)}-{folder}"
+        """Checkouts and environments with the same kernels share what they compile: a module of
+        the package is told by its place in it, another by its path."""
+        place = self._locator._py_file.removeprefix(str(_PACKAGE))
+        place = hashlib.sha256(place.encode()).hexdigest()[:8]
+        return f"{super().get_filename_base(fullname, abiflags)}-{place}"
 
 
 class _CheckedFile(caching.IndexDataCacheFile):  # type: ignore[misc]

@@ -207,7 +207,7 @@ def test_a_robot_that_gets_stuck_leaves_what_was_driven(tmp_path: Path) -> None:
 
 
 def test_help_is_there_with_examples_and_quick_to_import(folder: Path) -> None:
-    done = slamsim("map", "--help", cwd=folder)
+    done = typed("map", "--help", cwd=folder)
     assert done.returncode == 0
     assert "slamsim map labyrinth" in done.stdout
 

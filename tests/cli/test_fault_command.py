@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 from mcap.reader import make_reader
-from test_command_line import slamsim
+from typed import typed
 
 from slamsim.config.faults import typed_choices
 from slamsim.config.loading import load_run_config
@@ -27,7 +27,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     cwd = tmp_path_factory.mktemp("runs")
     faults = ("--fault", "laser_world_fixed", "--fault", "lidar_late:0.25")
     for out, extra in (("healthy", ()), ("faulty", faults)):
-        done = slamsim("simulate", "tiny", "-q", "--out", out, *SHORT, *extra, cwd=cwd)
+        done = typed("simulate", "tiny", "-q", "--out", out, *SHORT, *extra, cwd=cwd)
         assert done.returncode == 0, done.stderr
     return cwd
 
@@ -144,7 +144,7 @@ def test_a_colon_in_a_path_is_no_size() -> None:
 
 
 def test_all_faults_are_told_with_their_meaning(tmp_path: Path) -> None:
-    done = slamsim("fault", "--list", "--json", cwd=tmp_path)
+    done = typed("fault", "--list", "--json", cwd=tmp_path)
 
     assert done.returncode == 0, done.stderr
     listed = json.loads(done.stdout)["faults"]
@@ -154,7 +154,7 @@ def test_all_faults_are_told_with_their_meaning(tmp_path: Path) -> None:
 
 
 def test_what_is_missing_on_the_command_line_is_told(tmp_path: Path) -> None:
-    done = slamsim("fault", "log", cwd=tmp_path)
+    done = typed("fault", "log", cwd=tmp_path)
 
     assert done.returncode == 2
     assert "--fault" in done.stderr

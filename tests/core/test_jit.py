@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import ast
+import importlib
 import os
 import subprocess
 import sys
 from pathlib import Path
+
+import pytest
+
+from slamsim.core import jit
 
 MODULE = """
 from slamsim.core.jit import kernel
@@ -48,18 +54,54 @@ def test_the_second_run_compiles_nothing(tmp_path: Path) -> None:
     assert folders[0].stat().st_mode & 0o077 == 0
 
 
-def test_a_damaged_entry_is_noticed_and_made_anew(tmp_path: Path) -> None:
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder in the place of the user's; modules of the test are found beside it."""
+    folder = tmp_path / "cache"
+    folder.mkdir()
+    monkeypatch.setattr(jit, "_cache_folder", lambda: folder)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (tmp_path / "kernels.py").write_text(MODULE)
+    return folder
+
+
+def imported() -> None:
+    """As a new process would."""
+    sys.modules.pop("kernels", None)
+    importlib.import_module("kernels")
+
+
+def test_a_damaged_entry_is_noticed_and_made_anew(
+    cache: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
     """Cut or with one bit turned, in the index as in the code, which nobody may run then."""
-    cache = tmp_path / "cache"
-    run(tmp_path, cache)
-    for path in (cache / "slamsim").rglob("kernels.outer*.nb?"):
+    imported()
+    entries = list(cache.glob("kernels.outer*.nb?"))
+    assert len(entries) == 2 and capsys.readouterr().out == "7.0 True\n"
+    for path in entries:
         whole = path.read_bytes()
         for damaged in (whole[:-10], whole[:90] + bytes([whole[90] ^ 1]) + whole[91:]):
             path.write_bytes(damaged)
-            printed, told = run(tmp_path, cache)
-            assert printed == "7.0 True"
-            assert "made anew" in told
-    assert run(tmp_path, cache)[0] == "7.0 False"
+            caplog.clear()
+            imported()
+            assert capsys.readouterr().out == "7.0 True\n"
+            assert "made anew" in caplog.text
+    imported()
+    assert capsys.readouterr().out == "7.0 False\n"
+
+
+def test_checkouts_share_what_they_compile(
+    cache: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Wherever they are; but not two modules of one name."""
+    for place, compiles in (("one/a", True), ("two/a", False), ("two/b", True)):
+        folder = cache.parent / place
+        folder.mkdir(parents=True)
+        (folder / "kernels.py").write_text(MODULE)
+        monkeypatch.setattr(jit, "_PACKAGE", folder.parent)
+        monkeypatch.syspath_prepend(str(folder))
+        imported()
+        assert capsys.readouterr().out == f"7.0 {compiles}\n"
 
 
 def test_nowhere_to_write_costs_the_cache_and_not_the_run(tmp_path: Path) -> None:
@@ -68,3 +110,29 @@ def test_nowhere_to_write_costs_the_cache_and_not_the_run(tmp_path: Path) -> Non
     printed, told = run(tmp_path, blocked)
     assert printed == "7.0 True"
     assert "for this run only" in told
+
+
+def test_kernels_take_no_numbers_from_modules_without_kernels() -> None:
+    """The name of the cache is made of modules with kernels alone: what another says would stay as
+    it was when they were compiled."""
+    package = Path(jit.__file__).parents[1]
+    trees = {
+        "slamsim." + ".".join(path.relative_to(package).with_suffix("").parts): ast.parse(text)
+        for path in package.rglob("*.py")
+        if "@kernel" in (text := path.read_text())
+    }
+    for module, tree in trees.items():
+        imports = [one for one in tree.body if isinstance(one, ast.ImportFrom)]
+        strange = {
+            alias.name
+            for one in imports
+            if (one.module or "").startswith("slamsim") and one.module not in trees
+            for alias in one.names
+        }
+        for function in tree.body:
+            if isinstance(function, ast.FunctionDef) and any(
+                isinstance(one, ast.Name) and one.id == "kernel" for one in function.decorator_list
+            ):
+                nodes = [node for line in function.body for node in ast.walk(line)]
+                used = {node.id for node in nodes if isinstance(node, ast.Name)}
+                assert not used & strange, f"{module}.{function.name}"

@@ -18,7 +18,7 @@ from recording_data import recording
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import ConnectionExtRosbag1
 from rosbags.rosbag2 import Reader as Reader2
-from test_command_line import slamsim
+from typed import typed
 
 from slamsim.core.types import BoolArray
 from slamsim.guard.errors import SlamsimError
@@ -511,15 +511,15 @@ def test_what_a_copy_cannot_hold_is_named(tmp_path: Path) -> None:
     (folder / "camera.parquet").write_bytes(b"anything")
     with pytest.raises(Lossy, match=r"camera\.parquet.*--lossy"):
         require_lossless(folder)
-    refused = slamsim("fix", str(folder), "out", "--apply", "none", cwd=tmp_path)
+    refused = typed("fix", str(folder), "out", "--apply", "none", cwd=tmp_path)
     assert refused.returncode == 1 and not (tmp_path / "out").exists()
-    done = slamsim("fix", str(folder), "out", "--apply", "none", "--lossy", "--json", cwd=tmp_path)
+    done = typed("fix", str(folder), "out", "--apply", "none", "--lossy", "--json", cwd=tmp_path)
     assert json.loads(done.stdout)["copied"]["lost"] == ["camera.parquet"]
 
 
 def test_fix_with_no_repair_is_a_copy(foreign: Callable[[str], Foreign], tmp_path: Path) -> None:
     _, path, _, before = foreign("rosbag1")
-    done = slamsim("fix", str(path), "out", "--apply", "none", "--json", cwd=tmp_path)
+    done = typed("fix", str(path), "out", "--apply", "none", "--json", cwd=tmp_path)
     found = json.loads(done.stdout)
     assert done.returncode == (1 if found["bad"] else 0)
     assert found["applied"] == [] and found["copied"]["changed"] == []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -109,15 +110,20 @@ def test_sightings_under_a_wrong_number_count_for_little() -> None:
 TURNED = {"backwards": (0.0, np.pi), "upside down": (np.pi, 0.0), "aside": (np.pi, np.pi / 2)}
 
 
+@cache
+def looking(roll_rad: float, yaw_rad: float) -> tuple[Setting, Driven]:
+    true = off_by(np.zeros(6))
+    true[:3, :3] = matrix_from_rpy(roll_rad, 0.03, yaw_rad) @ true[:3, :3]
+    setting = replace(SPARSE, T_base_camera=true)
+    return setting, driven(3, setting)
+
+
 @pytest.mark.parametrize("roll_rad, yaw_rad", TURNED.values(), ids=TURNED)
 @pytest.mark.parametrize("claimed", [[], [T_CLAIMED]], ids=["unclaimed", "claimed ahead"])
 def test_a_camera_that_looks_anywhere_is_found(
     roll_rad: float, yaw_rad: float, claimed: list[FloatArray]
 ) -> None:
-    true = off_by(np.zeros(6))
-    true[:3, :3] = matrix_from_rpy(roll_rad, 0.03, yaw_rad) @ true[:3, :3]
-    setting = replace(SHORT, T_base_camera=true)
-    one = driven(3, setting)
+    setting, one = looking(roll_rad, yaw_rad)
     start = best_start(one.views, setting.model, one.path, claimed)
     found = fit_mount(one.views, setting.model, one.path, start)
     off = errors(found, setting)

@@ -6,6 +6,7 @@ and simple on purpose: every beam is intersected with every wall from its own tr
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -96,26 +97,30 @@ def drive(
 ) -> PlanarTrajectory:
     """T_map_base at 200 Hz of a unicycle that rests, then pursues the points one by one."""
     step_s = 0.005
-    x, y = waypoints[0]
-    toward = waypoints[1] - waypoints[0]
-    yaw = float(np.arctan2(toward[1], toward[0]))
+    goals = waypoints.tolist()
+    (x, y), toward = goals[0], waypoints[1] - waypoints[0]
+    yaw = math.atan2(toward[1], toward[0])
     poses = [(x, y, yaw)] * round(rest_s / step_s)
     goal, speed, turn = 1, 0.0, 0.0
-    while goal < len(waypoints) and len(poses) * step_s < max_s:
-        dx, dy = waypoints[goal] - (x, y)
-        if np.hypot(dx, dy) < 0.35:
+    while goal < len(goals) and len(poses) * step_s < max_s:
+        dx, dy = goals[goal][0] - x, goals[goal][1] - y
+        if math.hypot(dx, dy) < 0.35:
             goal += 1
             continue
-        error = (np.arctan2(dy, dx) - yaw + np.pi) % (2.0 * np.pi) - np.pi
-        wanted = speed_m_s * max(0.0, np.cos(error)) ** 3
-        speed += np.clip(wanted - speed, -0.8 * step_s, 0.8 * step_s)
-        turn += np.clip(np.clip(2.5 * error, -1.5, 1.5) - turn, -4.0 * step_s, 4.0 * step_s)
-        x += step_s * speed * np.cos(yaw + 0.5 * turn * step_s)
-        y += step_s * speed * np.sin(yaw + 0.5 * turn * step_s)
+        error = (math.atan2(dy, dx) - yaw + math.pi) % (2.0 * math.pi) - math.pi
+        wanted = speed_m_s * max(0.0, math.cos(error)) ** 3
+        speed += _within(wanted - speed, 0.8 * step_s)
+        turn += _within(_within(2.5 * error, 1.5) - turn, 4.0 * step_s)
+        x += step_s * speed * math.cos(yaw + 0.5 * turn * step_s)
+        y += step_s * speed * math.sin(yaw + 0.5 * turn * step_s)
         yaw += turn * step_s
         poses.append((x, y, yaw))
     stamps_ns = np.arange(len(poses), dtype=np.int64) * 5_000_000
     return PlanarTrajectory(stamps_ns, np.array(poses))
+
+
+def _within(value: float, most: float) -> float:
+    return min(max(value, -most), most)
 
 
 @kernel

@@ -126,7 +126,7 @@ def _seen(
         for corner, point in enumerate(corners):
             shares = np.clip(pixels[:, corner, 1] / (setting.model.height - 1), 0.0, 1.0)
             at_ns = exposed_ns + np.rint(1e9 * setting.readout_s * shares).astype(np.int64)
-            T_map_base = np.array([se3_from_se2(pose) for pose in truth.at(at_ns)])
+            T_map_base = se3_from_se2(truth.at(at_ns))
             T_camera_tag = np.linalg.inv(T_map_base @ setting.T_base_camera) @ T_map_tag
             pixels[:, corner], _ = setting.model.project((T_camera_tag @ point)[:, :3])
     sides = np.linalg.norm(np.roll(pixels, -1, axis=1) - pixels, axis=2).min(axis=1)

@@ -222,7 +222,7 @@ def _first_places(drive: Drive, count: int) -> FloatArray:
     """(count, 4, 4) T_map_tag: what one sighting tells, that which fits the tag's others best."""
     stamps_s = drive.path.seconds(drive.views.stamps_ns) - drive.late_s
     poses, _ = drive.path.at(stamps_s)
-    T_map_camera = np.array([se3_from_se2(pose) for pose in poses]) @ drive.T_base_camera
+    T_map_camera = se3_from_se2(poses) @ drive.T_base_camera
     told = T_map_camera[:, None] @ drive.views.T_camera_tag  # (n, 2, 4, 4)
     places = np.zeros((count, 4, 4))
     for tag in range(count):

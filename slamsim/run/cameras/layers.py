@@ -216,8 +216,7 @@ def _used(
             poses = fine.at(rows_ns)
             if last is None or _moved(last, poses[len(poses) // 2], config) >= 1.0:
                 last = poses[len(poses) // 2]
-                T_map_base = np.array([se3_from_se2(pose) for pose in poses])
-                yield image, T_map_base @ camera.T_base_camera
+                yield image, se3_from_se2(poses) @ camera.T_base_camera
 
 
 def _moved(last: FloatArray, pose: FloatArray, config: MappingConfig) -> float:

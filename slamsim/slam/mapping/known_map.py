@@ -60,7 +60,7 @@ def map_of_grid(grid: Grid) -> SavedMap:
     occupied, known = grid.occupancy > OCCUPIED, np.isfinite(grid.occupancy)
     for place_m in _in_a_row(_places(grid)):
         place = (place_m - np.array(grid.origin_m)) / grid.resolution_m
-        beams = _look_round(occupied, known, place, REACH_M / grid.resolution_m)
+        beams = _look_round(occupied, known, place, REACH_M / grid.resolution_m, MAX_BEAMS)
         seen = _seen(surfaces, tree, place_m, beams * grid.resolution_m)
         if len(seen):
             beams_m = (beams * grid.resolution_m).astype(np.float32)
@@ -175,13 +175,13 @@ def _in_a_row(places_m: FloatArray) -> Iterator[FloatArray]:
 
 @kernel
 def _look_round(
-    occupied: BoolArray, known: BoolArray, place: FloatArray, reach: float
+    occupied: BoolArray, known: BoolArray, place: FloatArray, reach: float, beams: int
 ) -> FloatArray:
-    """(b, 2) ends of MAX_BEAMS beams that meet an occupied cell, seen from a place; in cells."""
-    ends, count = np.empty((MAX_BEAMS, 2)), 0
+    """(b, 2) ends of those of so many beams that meet an occupied cell, from a place; in cells."""
+    ends, count = np.empty((beams, 2)), 0
     rows, columns = occupied.shape
-    for beam in range(MAX_BEAMS):
-        angle = 2.0 * np.pi * beam / MAX_BEAMS
+    for beam in range(beams):
+        angle = 2.0 * np.pi * beam / beams
         dx, dy, length = np.cos(angle), np.sin(angle), 0.0
         while length < reach:
             length += 0.5
