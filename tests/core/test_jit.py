@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import ast
+import gc
 import importlib
 import os
 import subprocess
 import sys
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
+from numba.core.errors import TypingError
 
 from slamsim.core import jit
 
@@ -136,3 +139,32 @@ def test_kernels_take_no_numbers_from_modules_without_kernels() -> None:
                 nodes = [node for line in function.body for node in ast.walk(line)]
                 used = {node.id for node in nodes if isinstance(node, ast.Name)}
                 assert not used & strange, f"{module}.{function.name}"
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+@pytest.mark.parametrize("fails", [True, False])
+def test_no_garbage_collection_while_compiling(
+    cache: Path, monkeypatch: pytest.MonkeyPatch, enabled: bool, fails: bool
+) -> None:
+    def body(x: float) -> float:
+        return x.missing if fails else x + 1.0  # type: ignore[attr-defined]
+
+    seen: list[bool] = []
+    compiled = jit.kernel(body)
+    compiler = compiled._compiler  # type: ignore[attr-defined]
+    original = compiler.compile
+
+    def watched(*given: object) -> object:
+        seen.append(gc.isenabled())
+        return original(*given)
+
+    monkeypatch.setattr(compiler, "compile", watched)
+    was_enabled = gc.isenabled()
+    try:
+        (gc.enable if enabled else gc.disable)()
+        with pytest.raises(TypingError) if fails else nullcontext():
+            compiled(1.0)
+        assert seen == [False]
+        assert gc.isenabled() == enabled
+    finally:
+        (gc.enable if was_enabled else gc.disable)()
