@@ -84,7 +84,8 @@ class SlamSession:
         return self._keeper
 
     def step(self, scan: Scan, samples: MotionSamples = NOTHING) -> Step | None:
-        """Track one scan, given what arrived of the robot's motion until the scan's end.
+        """Track one scan, given what arrived of the robot's motion until the scan's end, and best
+        with the first sample after it: motion that is not covered is extrapolated.
 
         None for a scan that had to be left out: not later than the one before, or at a time that
         the motion does not cover. Raises BadNumbers or NoSolution for a motion that is none.
