@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from slamsim.core.types import FloatArray
 from slamsim.guard.numbers import require_covariances, require_finite
@@ -12,13 +13,17 @@ from slamsim.guard.numbers import require_covariances, require_finite
 class TagObservation:
     """A tag as seen at stamp_ns. T_base_tag: (3,) its middle, and the way it faces.
 
-    covariance: (3, 3) of these numbers.
+    covariance: (3, 3) of these numbers. camera: the one that saw it, by its name in
+    ``TagsSeen.cameras``; any other has no errors that its views share. row: how far down the image,
+    0 to 1.
     """
 
     stamp_ns: int
     number: int
     T_base_tag: FloatArray
     covariance: FloatArray
+    camera: str = ""
+    row: float = 0.0
 
     def __post_init__(self) -> None:
         require_finite("where a tag was seen", self.T_base_tag, (3,))
@@ -35,11 +40,41 @@ class KnownTag:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class CameraErrors:
+    """What all observations of a camera have in common: where it is on the base, and standard
+    deviations of that place, of the way it looks, of how late its images and their last rows are,
+    and of its scale, as a share of all distances.
+
+    By default those of a camera as its recording claims it: place, way and scale may be off by what
+    ``slamsim calibrate`` calls a fault once in twenty, clock and shutter by most of a period of
+    30 Hz, which no message tells.
+    """
+
+    middle_m: tuple[float, float] = (0.0, 0.0)
+    place_m: float = 0.005
+    yaw_rad: float = 0.0044
+    late_s: float = 0.02
+    readout_s: float = 0.02
+    scale: float = 0.0025
+
+    @property
+    def sigmas(self) -> tuple[float, ...]:
+        """x, y, yaw, late, readout, scale."""
+        placed = (self.place_m, self.place_m, self.yaw_rad)
+        return (*placed, self.late_s, self.readout_s, self.scale)
+
+
+AS_CLAIMED = CameraErrors()
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class TagsSeen:
-    """What the images of a drive show of tags, and those whose places are known."""
+    """What the images of a drive show of tags, and those whose places are known. cameras: by the
+    names that observations have."""
 
     observations: tuple[TagObservation, ...] = ()
     known: tuple[KnownTag, ...] = ()
+    cameras: Mapping[str, CameraErrors] = field(default_factory=dict)
 
 
 NO_TAGS = TagsSeen()

@@ -82,6 +82,41 @@ def add_block(panels: Panels, system: FloatArray, a: int, b: int, block: FloatAr
     Of a pair a != b, one of the two blocks, not both. Raises IndexError if the panels were made
     without this pair.
     """
+    corner, width, flipped = _corner(panels, a, b)
+    for i in range(3):
+        for j in range(3):
+            system[corner + 3 * i * width + j] += block[j, i] if flipped else block[i, j]
+
+
+@kernel
+def add_blocks(panels: Panels, system: FloatArray, pairs: IntArray, blocks: FloatArray) -> None:
+    """Add what (m, 2) pairs of unknowns share, (m, 3, 3), but for pairs with what is held fixed."""
+    fixed = panels.place.size - 1
+    for m in range(pairs.shape[0]):
+        if pairs[m, 0] != fixed and pairs[m, 1] != fixed:
+            add_block(panels, system, pairs[m, 0], pairs[m, 1], blocks[m])
+
+
+@kernel
+def blocks_at(panels: Panels, system: FloatArray, pairs: IntArray) -> FloatArray:
+    """(m, 3, 3) what (m, 2) pairs of unknowns, none of them held fixed, share in a system."""
+    blocks = np.empty((pairs.shape[0], 3, 3))
+    for m in range(pairs.shape[0]):
+        corner, width, flipped = _corner(panels, pairs[m, 0], pairs[m, 1])
+        for i in range(3):
+            for j in range(3):
+                value = system[corner + 3 * i * width + j]
+                if flipped:
+                    blocks[m, j, i] = value
+                else:
+                    blocks[m, i, j] = value
+    return blocks
+
+
+@kernel
+def _corner(panels: Panels, a: int, b: int) -> tuple[int, int, bool]:
+    """Where the block of row a and column b begins, how wide its panel is, and whether it is kept
+    transposed. Raises IndexError if the panels were made without this pair."""
     row, column = panels.place[a], panels.place[b]
     flipped = row < column
     if flipped:
@@ -93,10 +128,7 @@ def add_block(panels: Panels, system: FloatArray, a: int, b: int, block: FloatAr
         at = row - begin
     else:
         at = width + _find(panels.below, panels.starts[panel], panels.starts[panel + 1], row)
-    corner = panels.offsets[panel] + 9 * at * width + 3 * (column - begin)
-    for i in range(3):
-        for j in range(3):
-            system[corner + 3 * i * width + j] += block[j, i] if flipped else block[i, j]
+    return panels.offsets[panel] + 9 * at * width + 3 * (column - begin), width, flipped
 
 
 @kernel

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ import numpy as np
 from slamsim.cameras.lens import CameraModel
 from slamsim.config.robot import MountConfig
 from slamsim.core.geometry import mount_transform, se3_from_parts
+from slamsim.core.landmarks import AS_CLAIMED, CameraErrors
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.guard.errors import InputRefused
 from slamsim.guard.files import require_inside
@@ -29,7 +30,10 @@ R_BODY_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 MOUNT = ("x_m", "y_m", "z_m", "roll_deg", "pitch_deg", "yaw_deg")
 _TOLD = ("x", "y", "roll", "pitch", "yaw")
 """Without a survey no drive in the plane tells z; the claimed one then stands in the file."""
-LATE = "stamps late by"
+LATE, READOUT = "stamps late by", "readout"
+_PLACED, _TIMED = ("place_m", "yaw_rad"), ("late_s", "readout_s")
+LEAST_SIGMA = 1e-6
+"""Of what was not fitted but given: a global shutter, or a readout by --readout-ms."""
 LONGEST_S = 10.0
 """No clock of a camera is later, and no shutter slower."""
 
@@ -57,13 +61,14 @@ class CameraClock:
 @dataclass(frozen=True, slots=True, eq=False)
 class CalibratedCamera:
     """What was found of one; None for what was not. T_base_camera: (4, 4) of the optical frame in
-    base_frame."""
+    base_frame. errors: how sure all of that is."""
 
     frame: str = ""
     base_frame: str = ""
     T_base_camera: FloatArray | None = None
     model: CameraModel | None = None
     clock: CameraClock = CameraClock()
+    errors: CameraErrors = AS_CLAIMED
 
 
 NOT_CALIBRATED = CalibratedCamera()
@@ -86,9 +91,8 @@ class CalibratedCameras:
             if self.cameras:
                 _log.warning("%s is none of the calibrated cameras and counts as recorded", topic)
             return NOT_CALIBRATED
-        return CalibratedCamera(
-            frame, same[0].base_frame, same[0].T_base_camera, None, same[0].clock
-        )
+        errors = replace(same[0].errors, scale=AS_CLAIMED.scale)
+        return replace(same[0], frame=frame, model=None, errors=errors)
 
 
 NO_CALIBRATION = CalibratedCameras()
@@ -117,17 +121,37 @@ def _camera(path: Path, topic: str, entry: Mapping[str, Any]) -> CalibratedCamer
         frame, verdicts = str(entry["frame"]), dict(entry.get("verdicts", {}))
         if "mount" not in entry:
             return CalibratedCamera(frame, model=model)
-        untold = [name for name in (*_TOLD, LATE) if verdicts.get(name) == "inconclusive"]
+        untold = {n for n in (*_TOLD, LATE, READOUT) if verdicts.get(n) == "inconclusive"}
         if untold:
-            _log.warning("%s: %s of %s is inconclusive", path, ", ".join(untold), topic)
-        clock = CameraClock(_seconds(entry, "stamps_late_s"), _seconds(entry, "readout_s"))
+            names = ", ".join(name for name in (*_TOLD, LATE, READOUT) if name in untold)
+            _log.warning("%s: %s of %s is inconclusive", path, names, topic)
+        placed, timed = not untold & set(_TOLD), not untold & {LATE, READOUT}
+        late_s, readout_s = _seconds(entry, "stamps_late_s"), _seconds(entry, "readout_s")
+        sigmas = _told_sigmas(entry, model)
+        told = [name for name in _PLACED if placed] + [name for name in _TIMED if timed]
         return CalibratedCamera(
             frame,
             str(entry["base_frame"]),
-            None if set(untold) & set(_TOLD) else _mount(dict(entry["mount"])),
+            _mount(dict(entry["mount"])) if placed else None,
             model,
-            CameraClock() if LATE in untold else clock,
+            CameraClock(late_s, readout_s) if timed else CameraClock(),
+            replace(AS_CLAIMED, **{n: sigmas[n] for n in (*told, "scale") if n in sigmas}),
         )
+
+
+def _told_sigmas(entry: Mapping[str, Any], model: CameraModel | None) -> dict[str, float]:
+    """Of ``CameraErrors``; a file of an earlier version tells fewer of them."""
+    sigma = {str(name): float(value) for name, value in dict(entry.get("sigma", {})).items()}
+    if not all(0.0 <= value < math.inf for value in sigma.values()):
+        raise ValueError(f"sigma has numbers that are no standard deviations: {sigma}")
+    found = {name: sigma[name] for name in _TIMED if name in sigma}
+    if {"x_m", "y_m"} <= sigma.keys():
+        found["place_m"] = max(sigma["x_m"], sigma["y_m"])
+    if "yaw_deg" in sigma:
+        found["yaw_rad"] = math.radians(sigma["yaw_deg"])
+    if "focal_px" in sigma and model is not None:
+        found["scale"] = sigma["focal_px"] / float(model.focal_px.mean())
+    return {name: max(value, LEAST_SIGMA) for name, value in found.items()}
 
 
 def _mount(told: Mapping[str, Any]) -> FloatArray:

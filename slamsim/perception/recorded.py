@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -15,7 +15,7 @@ from slamsim.cameras.lens import CameraModel
 from slamsim.config.loading import load_model
 from slamsim.config.slam import LandmarksConfig, SurveyedTag, SurveyedTags
 from slamsim.core.geometry import matrix_from_xyzw, se3_from_parts
-from slamsim.core.landmarks import KnownTag, TagObservation, TagsSeen
+from slamsim.core.landmarks import AS_CLAIMED, CameraErrors, KnownTag, TagObservation, TagsSeen
 from slamsim.core.progress import Progress, silent
 from slamsim.core.types import Float32Array, FloatArray
 from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
@@ -40,11 +40,13 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UsedCamera:
-    """model, T_base_camera (4, 4) and clock: as calibrated, else as the recording claims."""
+    """model, T_base_camera (4, 4) and clock: as calibrated, else as the recording claims; errors:
+    how sure they are."""
 
     model: CameraModel
     T_base_camera: FloatArray
     clock: CameraClock
+    errors: CameraErrors = AS_CLAIMED
 
 
 def tags_seen(
@@ -70,7 +72,7 @@ def tags_seen(
         for number, frame in enumerate(cameras.frames(tuple(usable))):
             found += _observed(detectors[frame.topic], frame, usable[frame.topic])
             progress(number + 1, total)
-    return TagsSeen(tuple(found), known)
+    return TagsSeen(tuple(found), known, {topic: each.errors for topic, each in usable.items()})
 
 
 def known_tags(config: LandmarksConfig) -> tuple[KnownTag, ...]:
@@ -126,15 +128,13 @@ def _observed(
     detector: TagDetector, frame: CameraFrame, camera: UsedCamera
 ) -> list[TagObservation]:
     sightings = detector.detect(grey_of(frame), light_of(frame))
-    rows = max(camera.model.height - 1, 1)
-    return [
-        planar_observation(
-            camera.clock.at_row(frame.stamp_ns, float(each.corners_px[:, 1].mean()) / rows),
-            each,
-            camera.T_base_camera,
-        )
-        for each in sightings
-    ]
+    rows, found = max(camera.model.height - 1, 1), []
+    for each in sightings:
+        share = float(each.corners_px[:, 1].mean()) / rows
+        stamp_ns = camera.clock.at_row(frame.stamp_ns, share)
+        one = planar_observation(stamp_ns, each, camera.T_base_camera)
+        found.append(replace(one, camera=frame.topic, row=share))
+    return found
 
 
 def _usable(
@@ -151,7 +151,10 @@ def _usable(
         try:
             known = calibrated.of(each.topic, each.frame_id)
             mount = mount_of(path, each.topic, each.frame_id, recording, known)
-            found[each.topic] = UsedCamera(_lens_of(cameras, each, known), mount, known.clock)
+            x_m, y_m = mount[:2, 3].tolist()
+            errors = replace(known.errors, middle_m=(x_m, y_m))
+            lens = _lens_of(cameras, each, known)
+            found[each.topic] = UsedCamera(lens, mount, known.clock, errors)
         except (InputRefused, NotFound) as error:
             lacking.append(error)
     if not found:

@@ -18,6 +18,7 @@ from slamsim.core.types import FloatArray, Log, PlanarTrajectory, Scan
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.numbers import require_finite, require_mount, solving
 from slamsim.process.memory import return_freed_memory
+from slamsim.slam.backend.surface_information import MapInformation
 from slamsim.slam.failures import Failures
 from slamsim.slam.frontend.keyframes import ABOUT_THERE, ANYWHERE, Before, Keyframe, KeyframeMaker
 from slamsim.slam.frontend.motion import NoMotion, Odometry, log_odometry, predict_motion
@@ -65,6 +66,7 @@ class SlamSession:
         self._anchors = Anchors()
         self._track = Track()
         self._solved: MapGraph | None = None
+        self._information: MapInformation | None = None
         self._events_told: set[tuple[str, int]] = set()
         self._seconds: defaultdict[str, float] = defaultdict(float)
 
@@ -136,7 +138,15 @@ class SlamSession:
         with solving("the whole map"):
             outcome = self._keeper.finish(progress)
             self._solved = outcome.graph
-            return assemble(self._track, self._front_end, outcome, self._first, self._seconds)
+            result, self._information = assemble(
+                self._track, self._front_end, outcome, self._first, self._seconds
+            )
+            return result
+
+    @property
+    def information(self) -> MapInformation | None:
+        """What holds the key frames since ``finish``; None without a final refinement."""
+        return self._information
 
     def saved(self, result: SlamResult) -> SavedMap:
         """What a later run needs to go on with the map that ``finish`` gave, or to localise.
@@ -271,7 +281,7 @@ def map_log(
         if not len(session):
             raise SlamsimError(nothing_to_track(log, odometry))
         result = session.finish(_rest_of(progress, len(log.scans), whole))
-        result = held_by_tags(result, tags, config, failures)
+        result = held_by_tags(result, session.information, tags, config, failures)
         saved = session.saved(result)
     progress(whole, whole)
     whole_result = replace(

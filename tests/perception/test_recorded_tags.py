@@ -73,7 +73,8 @@ def test_no_camera_at_all_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_tag_has_the_instant_of_the_rows_that_show_it(monkeypatch: pytest.MonkeyPatch) -> None:
     seen = [
         SimpleNamespace(
-            corners_px=np.array([[5.0, row - 2.0], [9, row - 2], [9, row + 2], [5, row + 2]])
+            topic="front",
+            corners_px=np.array([[5.0, row - 2.0], [9, row - 2], [9, row + 2], [5, row + 2]]),
         )
         for row in (0.0, 23.5, 47.0)
     ]
@@ -81,8 +82,8 @@ def test_a_tag_has_the_instant_of_the_rows_that_show_it(monkeypatch: pytest.Monk
     monkeypatch.setattr(recorded, "grey_of", lambda _: None)
     monkeypatch.setattr(recorded, "light_of", lambda _: None)
     monkeypatch.setattr(recorded, "planar_observation", lambda at_ns, *_: found.append(at_ns))
-    detector: Any = SimpleNamespace(detect=lambda *_: seen)
-    frame: Any = SimpleNamespace(stamp_ns=10**18)
+    detector: Any = SimpleNamespace(topic="front", detect=lambda *_: seen)
+    frame: Any = SimpleNamespace(topic="front", stamp_ns=10**18)
     camera = recorded.UsedCamera(CAMERA, np.eye(4), CameraClock(0.012, 0.03))
     recorded._observed(detector, frame, camera)
     assert [at_ns - 10**18 for at_ns in found] == [-12_000_000, 3_000_000, 18_000_000]
@@ -141,7 +142,7 @@ def test_images_of_another_size_than_calibrated_are_refused(
 ) -> None:
     monkeypatch.setattr(recorded, "mount_of", mount_of)
     found = read_calibration(calibrated(tmp_path))
-    opened: Any = SimpleNamespace(path=tmp_path)
+    opened: Any = SimpleNamespace(topic="front", path=tmp_path)
     for width in (64, 128):
         topic = SimpleNamespace(topic="/front/color/image_raw", frame_id="", width=width, height=48)
         opened.pictures = lambda topic=topic: [topic]

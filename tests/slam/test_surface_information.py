@@ -17,7 +17,7 @@ from slamsim.slam.backend.smoothing import Smoothed
 from slamsim.slam.backend.surface_information import (
     SurfaceInformation,
     drift_between,
-    smoothed_covariances,
+    smoothed_information,
     with_scatter,
 )
 
@@ -200,7 +200,7 @@ def test_where_a_guess_joins_two_key_frames_the_drive_makes_them_no_surer(first:
     drive = driven(poses[first:], tiny[first:], np.zeros((6 - first, 3, 3)))
     stamps_ns = np.append(np.arange(first) - 10, np.arange(6 - first)) * SECOND_NS
     graph = PoseGraph(PlanarTrajectory(stamps_ns, poses), whole.covariances, whole.edges)
-    found = smoothed_covariances(information, graph, first, drive).relative
+    found = smoothed_information(information, graph, first, drive).covariances().relative
     expected = np.zeros((3, 3))
     for k in [*range(first), 3]:
         carry = adjoint(between(poses[5], poses[k + 1]))

@@ -40,6 +40,19 @@ def hall(seed: int, max_s: float = 150.0) -> Simulated:
     return simulate(walls, points, seed, geometry=BLIND, gyro=False, max_s=max_s)
 
 
+TAGS_IN_ROOM = np.array(
+    [[6.0, 2.0, np.pi], [3.0, 4.0, -np.pi / 2], [0.0, 2.5, 0.0], [2.0, 0.0, np.pi / 2]]
+)
+
+
+def room(seed: int) -> Simulated:
+    """Rounds in a room of 6 x 4 m whose walls a lidar sees all the time."""
+    walls = np.concatenate([box(0, 0, 6, 4), box(2.6, 1.8, 3.4, 2.2)])
+    round_ = [(1.5, 1.1), (4.5, 1.1), (4.5, 2.9), (1.5, 2.9)]
+    points = np.array([*round_, *round_, round_[0]])
+    return simulate(walls, points, seed, gyro=False, max_s=50.0)
+
+
 def tags_on_walls(count: int = 10) -> FloatArray:
     """(n, 3) T_map_tag spread along the walls, facing inwards."""
     w, h = SIZE_M

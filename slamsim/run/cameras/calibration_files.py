@@ -12,7 +12,7 @@ from slamsim.core.geometry import xyzw_from_matrix
 from slamsim.guard.numbers import as_json
 from slamsim.guard.output import write_atomic
 from slamsim.io.cameras.writers import calibration_yaml
-from slamsim.perception.calibrated import MOUNT
+from slamsim.perception.calibrated import LATE, MOUNT, READOUT
 from slamsim.perception.calibration.sightings import CornerMisfits
 from slamsim.report.pages.calibration import CalibratedView, Misfits, write_calibration_report
 from slamsim.run.cameras.calibration_report import (
@@ -67,7 +67,11 @@ def _entry(result: CameraResult) -> dict[str, object]:
         numbers = mount_numbers(result.mount.T_base_camera).tolist()
         found["mount"] = {n: round(v, 6) for n, v in zip(MOUNT, numbers, strict=True)}
         sigmas = {each.name: each.sigma for each in result.quantities}
-        found["sigma"] = {n: float(f"{sigmas[n.split('_')[0]]:.3g}") for n in MOUNT}
+        told = {name: sigmas[name.split("_")[0]] for name in MOUNT}
+        told |= {"late_s": sigmas[LATE], "readout_s": sigmas.get(READOUT, 0.0)}
+        if "fx" in sigmas:
+            told["focal_px"] = sigmas["fx"]
+        found["sigma"] = {name: float(f"{value:.3g}") for name, value in told.items()}
         found["stamps_late_s"] = round(result.mount.late_s, 7)
         found["readout_s"] = round(result.mount.readout_s, 7)
         found["static_transform"] = static_transform(result)

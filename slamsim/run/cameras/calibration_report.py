@@ -13,7 +13,7 @@ from slamsim.cameras.lens import CameraModel
 from slamsim.check.findings import Measurement, decide
 from slamsim.core.types import FloatArray
 from slamsim.guard.quantities import as_interval, as_number
-from slamsim.perception.calibrated import LATE, R_BODY_OPTICAL
+from slamsim.perception.calibrated import LATE, R_BODY_OPTICAL, READOUT
 from slamsim.perception.calibration.lens import LensFit
 from slamsim.perception.calibration.mount import MountFit
 from slamsim.perception.calibration.projection import LENS, lens_names
@@ -175,7 +175,7 @@ def mount_quantities(
     yield quantity(LATE, late, 0.0, LATE_S, MOTION_WANTED)
     if readout_is_free:
         readout = (fit.readout_s, fit.sigma("readout_s"), "s")
-        yield quantity("readout", readout, None, LATE_S, MOTION_WANTED)
+        yield quantity(READOUT, readout, None, LATE_S, MOTION_WANTED)
 
 
 def mount_numbers(T_base_camera: FloatArray) -> FloatArray:

@@ -15,10 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamsim.core.geometry import adjoint, between, compose, inverse
-from slamsim.core.result import MapGraph
+from slamsim.core.geometry import adjoint, between, compose, inverse, rotation
+from slamsim.core.result import EdgeKind, GraphEdge, MapGraph
 from slamsim.core.types import FloatArray, IntArray
-from slamsim.models.supernodes import Panels
+from slamsim.models.supernodes import Panels, blocks_at
 from slamsim.slam.backend.gauge import WholeMap
 from slamsim.slam.backend.marginals import Joined
 from slamsim.slam.backend.smoothing import Smoothed
@@ -52,6 +52,11 @@ class SurfaceInformation:
     poses: FloatArray
     T_base_view: FloatArray
 
+    @property
+    def bases(self) -> FloatArray:
+        """(n, 3) T_map_base of the views."""
+        return compose(self.poses, inverse(self.T_base_view))
+
     def covariances(self) -> FloatArray:
         """(n, 3, 3) relative to the first pose, of small steps of the base in its own frame.
 
@@ -63,7 +68,7 @@ class SurfaceInformation:
         """Of the poses from number ``first`` on, when each is off by an error of its own besides,
         of (n, 3, 3) ``scatter``."""
         to_base, joined = adjoint(self.T_base_view), self._joined()
-        poses = compose(self.poses, inverse(self.T_base_view))
+        poses = self.bases
         whole, shares = WholeMap.of(poses[first:]), np.zeros_like(scatter)
         if whole is not None:
             shares[first:] = whole.shares
@@ -73,6 +78,34 @@ class SurfaceInformation:
         return Sure(
             with_scatter(poses, of_map, scatter)[first:],
             None if whole is None else whole.covariances((of_map + scatter)[first:], products),
+        )
+
+    def blocks(self, first: int, T_map_rest: FloatArray) -> tuple[IntArray, FloatArray]:
+        """What shared surfaces tell of the bases of the views from number ``first`` (at least 1)
+        on: (m, 2) ordered pairs, and (m, 3, 3) of small steps of both, each in its own frame.
+
+        The views before are one rigid rest, number 0 of the pairs, whose frame is at ``T_map_rest``
+        (3,); the others follow. A step of the whole map changes nothing: that is what the rest,
+        which is held fixed here, has in common with each view.
+        """
+        count = len(self.poses) - first
+        inner = np.unique(self.pairs[(self.pairs >= first).all(axis=1)], axis=0)
+        shared = np.concatenate([_twice(count, first), inner])
+        found = blocks_at(self.panels, self.values, shared - 1)
+        pairs = shared - first + 1
+        bases = np.concatenate([T_map_rest[None], self.bases[first:]])
+        to_view = np.concatenate([np.eye(3)[None], adjoint(inverse(self.T_base_view))[first:]])
+        found = np.swapaxes(to_view[pairs[:, 0]], 1, 2) @ found @ to_view[pairs[:, 1]]
+        pairs = np.concatenate([pairs, pairs[count:, ::-1]])
+        found = np.concatenate([found, np.swapaxes(found[count:], 1, 2)])
+        with_rest = np.zeros((count + 1, 3, 3))
+        moved = found @ adjoint(between(bases[pairs[:, 1]], bases[0]))
+        np.subtract.at(with_rest, pairs[:, 0], moved)
+        own = -np.einsum("nji,njk->ik", with_rest, adjoint(between(bases, bases[0])))
+        ends = np.stack([np.arange(1, count + 1), np.zeros(count, np.int64)], axis=1)
+        return (
+            np.concatenate([pairs, ends, ends[:, ::-1], np.zeros((1, 2), np.int64)]),
+            np.concatenate([found, with_rest[1:], np.swapaxes(with_rest[1:], 1, 2), own[None]]),
         )
 
     def _joined(self) -> Joined:
@@ -86,14 +119,58 @@ class SurfaceInformation:
         return Joined(self.poses, 0, seen, steps)
 
 
-def smoothed_covariances(
+class MapInformation(NamedTuple):
+    """What holds the key frames of a drive once all scans are smoothed.
+
+    surfaces: of all views of the map. scatter: (n, 3, 3) of what single scans leave on top. first:
+    number of the view of the drive's first key frame. held: whether the views before are held
+    fixed, and so are the map.
+    """
+
+    surfaces: SurfaceInformation
+    scatter: FloatArray
+    first: int
+    held: bool
+
+    def covariances(self) -> Sure:
+        """Of the key frames of the drive."""
+        sure = self.surfaces.smoothed(self.scatter, self.first)
+        return sure._replace(in_map=sure.relative) if self.held else sure
+
+    def blocks(self) -> tuple[IntArray, FloatArray]:
+        """``SurfaceInformation.blocks`` of the drive's key frames, numbered from 0; -1 stands for
+        an earlier map, whose frame that is."""
+        if self.first:
+            pairs, known = self.surfaces.blocks(self.first, np.zeros(3))
+            return pairs - 1, known
+        return self.surfaces.blocks(1, self.surfaces.bases[0])
+
+    def steps(self) -> list[GraphEdge]:
+        """The odometry between these key frames, and closures that no surfaces stand for."""
+        whole, count = self.surfaces, len(self.surfaces.poses)
+        chain = np.stack([np.arange(count - 1), np.arange(1, count)], axis=1)
+        ends = np.concatenate([chain, whole.closures[0]])
+        to_base = adjoint(whole.T_base_view[ends[:, 1]])
+        covariances = _carried(to_base, np.concatenate([whole.drift, whole.closures[1]]))
+        bases, found = whole.bases, []
+        for k, (source, target) in enumerate(ends.tolist()):
+            if target >= max(self.first, 1):
+                before = source < self.first
+                step = between(np.zeros(3) if before else bases[source], bases[target])
+                covariance = _carried(rotation(step[2]), covariances[k])  # in the source's frame
+                kind: EdgeKind = "odometry" if k < count - 1 else "closure"
+                numbers = -1 if before else source - self.first, target - self.first
+                found.append(GraphEdge(*numbers, step, covariance, kind))
+        return found
+
+
+def smoothed_information(
     information: SurfaceInformation, graph: MapGraph, first: int, smoothed: Smoothed
-) -> Sure:
+) -> MapInformation:
     """Of the smoothed key frames from number ``first`` of the graph on.
 
     smoothed: the drive of these key frames, which alone is laid onto the truth. Where only a guess
-    of the front end joins two of them, it stays as unsure as it was. Poses that are held fixed are
-    the map.
+    of the front end joins two of them, it stays as unsure as it was.
     """
     held = len(graph.keyframes) - len(information.poses)
     stamps_ns = graph.keyframes.stamps_ns[first:]
@@ -105,8 +182,7 @@ def smoothed_covariances(
     to_view = adjoint(inverse(information.T_base_view[first + 1 :]))
     drift[first:][driven] = _carried(to_view, drift_between(smoothed, stamps_ns))[driven]
     scatter[first:] = smoothed.covariances[_numbers(smoothed, stamps_ns)]
-    sure = replace(information, drift=drift).smoothed(scatter, first)
-    return sure._replace(in_map=sure.relative) if held else sure
+    return MapInformation(replace(information, drift=drift), scatter, first, held > 0)
 
 
 def drift_between(smoothed: Smoothed, stamps_ns: IntArray) -> FloatArray:
@@ -126,6 +202,11 @@ def with_scatter(poses: FloatArray, covariances: FloatArray, scatter: FloatArray
     whole = covariances.copy()
     whole[1:] += scatter[1:] + _carried(from_first, scatter[0])
     return whole
+
+
+def _twice(count: int, first: int) -> IntArray:
+    """(count, 2): each number from ``first`` on, with itself."""
+    return np.repeat(np.arange(first, first + count)[:, None], 2, axis=1)
 
 
 def _carried(carry: FloatArray, covariances: FloatArray) -> FloatArray:

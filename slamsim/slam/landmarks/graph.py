@@ -1,15 +1,17 @@
-"""The pose graph of a finished map solved once more, with tags as landmarks in it.
+"""A finished map solved once more, with tags as landmarks in it.
 
-The edges of the graph are measured anew where SLAM put the key frames in the end (``nodes``), so
-that what its refinement found stays as it is where no tag contradicts; they keep their covariances.
-A tag is one more pose of the graph, and each node that sees it joins it by an edge that may be
-doubted and withdrawn as a closure may. Surveyed tags hang on the origin of their survey, which then
-holds the graph in the place of the first key frame. Where only wheels and gyroscope tell the way,
-what they get wrong alike everywhere (sizes of wheels and track) is learnt from the tags.
+What holds the key frames is the whole information that the refinement has of them (``joint``), and
+the odometry in between; without a refinement, the edges of the graph, measured anew where SLAM put
+the key frames in the end (``nodes``). So what was found stays as it is where no tag contradicts.
+A tag is one more pose, and each node that sees it joins it by an edge that may be doubted and
+withdrawn as a closure may. Surveyed tags hang on the origin of their survey, which then holds the
+graph in the place of the first key frame. Where only wheels and gyroscope tell the way, what they
+get wrong alike everywhere (sizes of wheels and track) is learnt from the tags.
 """
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -17,56 +19,63 @@ import numpy as np
 
 from slamsim.config.slam import SlamConfig
 from slamsim.core.geometry import compose, inverse
-from slamsim.core.landmarks import KnownTag, Landmark, TagsSeen
+from slamsim.core.landmarks import CameraErrors, KnownTag, Landmark, TagsSeen
 from slamsim.core.result import GraphEdge, SlamResult
-from slamsim.core.types import FloatArray, PlanarTrajectory
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.slam.backend.correction import correct_pieces
-from slamsim.slam.backend.graph import PoseGraphSolver
-from slamsim.slam.backend.marginals import relative_covariances
+from slamsim.slam.backend.surface_information import MapInformation, with_scatter
 from slamsim.slam.failures import Failures
+from slamsim.slam.landmarks.joint import SHARED, JointSolver, Ties
 from slamsim.slam.landmarks.nodes import Nodes, nodes_of, rescaled
-from slamsim.slam.landmarks.views import tag_views
+from slamsim.slam.landmarks.views import TagView, tag_views
 
 NOT_WHILE_MAPPED = "tags were seen only before the first scan or after the last: they hold nothing"
-CALIBRATION_ROUNDS = 5
-"""Each solution is drawn half way to what the last one's odometry said."""
+WEIGHING_ROUNDS = 10
+"""Each solution is drawn half way to what the last one's odometry said: a thousandth is left."""
 PART = "landmarks"
 """Of ``SlamResult.parts``."""
 
 
 def held_by_tags(
-    result: SlamResult, tags: TagsSeen, config: SlamConfig, failures: Failures
+    result: SlamResult,
+    information: MapInformation | None,
+    tags: TagsSeen,
+    config: SlamConfig,
+    failures: Failures,
 ) -> SlamResult:
     """``with_landmarks`` where there are any; the result as it is where that fails."""
     if tags.observations:
         with failures.caught("landmarks", len(result.graph.keyframes) - 1):
-            return with_landmarks(result, tags, config)
+            return with_landmarks(result, information, tags, config)
     return result
 
 
-def with_landmarks(result: SlamResult, tags: TagsSeen, config: SlamConfig) -> SlamResult:
+def with_landmarks(
+    result: SlamResult, information: MapInformation | None, tags: TagsSeen, config: SlamConfig
+) -> SlamResult:
     """The result with its key frames and trajectory held by tags, and these in ``landmarks``.
 
-    If a surveyed tag was seen, the map is in the frame of the survey. Raises GraphUnsound.
+    information: what holds the key frames, None without a refinement. If a surveyed tag was seen,
+    the map is in the frame of the survey. Raises NoSolution.
     """
-    nodes = nodes_of(result, tags.observations, config.front_end.motion)
-    views = tag_views(result.trajectory, nodes.track, tags.observations, config.landmarks)
+    nodes = nodes_of(result, tags.observations, config.front_end.motion, information)
+    views = tag_views(result.trajectory, nodes.track, tags, config.landmarks)
     if not views:
         return replace(result, warnings=(*result.warnings, NOT_WHILE_MAPPED))
-    problem = _Problem.of(nodes, views, tags.known)
-    poses, edges = _solved(problem, config)
+    problem = _Problem.of(nodes, views, tags)
+    solver = _solved(problem, config)
+    poses = solver.poses
     anchors = replace(nodes.track, poses=poses[problem.base : problem.base + len(nodes.track)])
-    kept = problem.base + nodes.keyframes
-    moved = PlanarTrajectory(result.graph.keyframes.stamps_ns, poses[kept])
+    moved = replace(result.graph.keyframes, poses=poses[problem.keyframes])
     breaks_ns = sorted(e.start_ns for e in result.events if e.kind == "kidnapped")
-    covariances = relative_covariances(poses, edges, int(kept[0]))[kept]
+    covariances = _covariances(problem, solver, information)
     graph = replace(result.graph, keyframes=moved, covariances=covariances, in_map=None)
     return replace(
         result,
         trajectory=correct_pieces(result.trajectory, anchors, breaks_ns),
         graph=graph,
         parts={**result.parts, PART: moved},
-        landmarks=_landmarks(problem, poses, edges),
+        landmarks=_landmarks(problem, solver),
         warnings=(*result.warnings, *problem.warnings),
     )
 
@@ -74,45 +83,79 @@ def with_landmarks(result: SlamResult, tags: TagsSeen, config: SlamConfig) -> Sl
 @dataclass(frozen=True, slots=True, eq=False)
 class _Problem:
     """poses: (m, 3): the survey's origin if base is 1, nodes from number base on, then tags by
-    number. fixed: edges that are no views of tags."""
+    number. fixed: edges that are no views of tags; views: those that are. keyframes: (k,)."""
 
     poses: FloatArray
     base: int
+    keyframes: IntArray
     numbers: Mapping[int, int]
     fixed: tuple[GraphEdge, ...]
     views: tuple[GraphEdge, ...]
+    seen: tuple[TagView, ...]
+    cameras: Mapping[str, CameraErrors]
+    surfaces: tuple[IntArray, FloatArray]
     surveyed: frozenset[int]
     warnings: tuple[str, ...] = ()
 
     @staticmethod
-    def of(
-        nodes: Nodes, views: Sequence[tuple[int, int, GraphEdge]], known: Sequence[KnownTag]
-    ) -> _Problem:
+    def of(nodes: Nodes, views: Sequence[TagView], tags: TagsSeen) -> _Problem:
         track = nodes.track.poses
-        first = {tag: compose(track[k], edge.T_source_target) for k, tag, edge in reversed(views)}
-        tags = sorted(first)
-        seen_known = [each for each in known if each.number in first]
-        base = 1 if seen_known else 0
-        numbers = {tag: base + len(track) + k for k, tag in enumerate(tags)}
-        poses = np.concatenate([track, [first[tag] for tag in tags]])
+        first = _places(track, views)
+        seen = sorted(first)
+        known = [each for each in tags.known if each.number in first]
+        base = 1 if known else 0
+        numbers = {tag: base + len(track) + k for k, tag in enumerate(seen)}
+        poses = np.concatenate([track, [first[tag] for tag in seen]])
         fixed = [replace(e, source=base + e.source, target=base + e.target) for e in nodes.edges]
-        if seen_known:
-            anchor = seen_known[0]
+        if known:
+            anchor = known[0]
             T_survey_map = compose(anchor.T_map_tag, inverse(first[anchor.number]))
             poses = np.concatenate([np.zeros((1, 3)), compose(T_survey_map, poses)])
             fixed += [
                 GraphEdge(0, numbers[each.number], each.T_map_tag, each.covariance, "match")
-                for each in seen_known
+                for each in known
             ]
         return _Problem(
             poses,
             base,
+            base + nodes.keyframes,
             numbers,
             tuple(fixed),
-            tuple(replace(e, source=base + k, target=numbers[t]) for k, t, e in views),
-            frozenset(each.number for each in seen_known),
-            _missing(known, seen_known),
+            tuple(replace(v.edge, source=base + v.node, target=numbers[v.number]) for v in views),
+            tuple(views),
+            tags.cameras,
+            (base + nodes.surfaces[0], nodes.surfaces[1]),
+            frozenset(each.number for each in known),
+            _missing(tags.known, known),
         )
+
+    def ties(self) -> Ties:
+        names = {name: k for k, name in enumerate(self.cameras)}
+        cameras = [names.get(view.camera, -1) for view in self.seen]
+        sigmas = np.array([each.sigmas for each in self.cameras.values()]).reshape(-1, SHARED)
+        none = len(self.fixed)
+        return Ties(
+            (*self.fixed, *self.views),
+            np.append(np.full(none, -1), cameras),
+            np.concatenate([np.zeros((none, 3, SHARED)), [view.slopes for view in self.seen]]),
+            sigmas,
+            self.surfaces,
+            self.poses,
+        )
+
+
+def _places(track: FloatArray, views: Sequence[TagView]) -> dict[int, FloatArray]:
+    """Of each tag by its number, (3,) that place of all in which nodes saw it which is nearest to
+    the others: one view may be of another tag."""
+    told: dict[int, list[FloatArray]] = defaultdict(list)
+    for view in views:
+        told[view.number].append(compose(track[view.node], view.edge.T_source_target))
+    found = {}
+    for number, poses in told.items():
+        places = np.array(poses)
+        apart = np.linalg.norm(places[:, None, :2] - places[None, :, :2], axis=2)
+        found[number] = places[int(apart.sum(axis=1).argmin())]
+    return found
 
 
 def _missing(known: Sequence[KnownTag], seen: Sequence[KnownTag]) -> tuple[str, ...]:
@@ -123,36 +166,47 @@ def _missing(known: Sequence[KnownTag], seen: Sequence[KnownTag]) -> tuple[str, 
     )
 
 
-def _solved(problem: _Problem, config: SlamConfig) -> tuple[FloatArray, list[GraphEdge]]:
+def _solved(problem: _Problem, config: SlamConfig) -> JointSolver:
     """Where all poses are in the end, and the edges with their weights.
 
-    First everything counts as it is, for without tags a robot may have drifted by metres, which a
-    robust estimator would take for an error of the tag; then views that do not fit are withdrawn.
+    Views that do not fit are withdrawn in the end; before, all count by how far they are off beside
+    the others.
     """
-    poses, fixed = problem.poses, problem.fixed
-    for _ in range(CALIBRATION_ROUNDS):
-        trusting = PoseGraphSolver(config.back_end.graph)
-        for edge in (*fixed, *problem.views):
-            trusting.add(replace(edge, kind="match"))
-        poses = trusting.solve(poses)
-        fixed = rescaled(problem.fixed, poses)
-    doubting = PoseGraphSolver(config.back_end.graph)
-    for edge in (*fixed, *problem.views):
-        doubting.add(edge)
-    poses = doubting.solve(poses)
-    return poses, doubting.edges
+    solver = JointSolver(problem.ties(), problem.poses, 0 if problem.base else problem.keyframes[0])
+    for _ in range(WEIGHING_ROUNDS):
+        solver.weigh(config.back_end.graph)
+        solver.relax()
+        solver.measure((*rescaled(problem.fixed, solver.poses), *problem.views))
+    solver.doubt(config.back_end.graph)
+    return solver
 
 
-def _landmarks(
-    problem: _Problem, poses: FloatArray, edges: Sequence[GraphEdge]
-) -> tuple[Landmark, ...]:
-    covariances = relative_covariances(poses, edges, 0)
+def _covariances(
+    problem: _Problem, solver: JointSolver, information: MapInformation | None
+) -> FloatArray:
+    """(k, 3, 3) of the key frames relative to the first."""
+    held = solver.covariances(int(problem.keyframes[0]))[problem.keyframes]
+    if information is None:
+        return held
+    poses, scatter = solver.poses[problem.keyframes], information.scatter[information.first :]
+    return with_scatter(poses, held, scatter)
+
+
+def _landmarks(problem: _Problem, solver: JointSolver) -> tuple[Landmark, ...]:
+    covariances = solver.covariances(0 if problem.base else int(problem.keyframes[0]))
+    weights = solver.weights[len(problem.fixed) :]
     found = []
     for tag, number in problem.numbers.items():
-        views = [e for e in edges if e.target == number and e.source >= problem.base]
-        doubted = sum(edge.weight == 0.0 for edge in views)
-        surveyed = tag in problem.surveyed
+        mine = np.array([view.number == tag for view in problem.seen])
+        doubted = int(np.count_nonzero(weights[mine] == 0.0))
         found.append(
-            Landmark(tag, poses[number], covariances[number], len(views), doubted, surveyed)
+            Landmark(
+                tag,
+                solver.poses[number],
+                covariances[number],
+                int(mine.sum()),
+                doubted,
+                tag in problem.surveyed,
+            )
         )
     return tuple(found)

@@ -17,7 +17,10 @@ from slamsim.core.geometry import between, rotation
 from slamsim.core.landmarks import TagObservation
 from slamsim.core.result import GraphEdge, SlamResult
 from slamsim.core.types import FloatArray, IntArray, PlanarTrajectory
+from slamsim.slam.backend.surface_information import MapInformation
 
+EARLIER = -1
+"""Number of the origin of a map that a drive continues."""
 SPACING_M, SPACING_RAD = 0.25, 0.2
 """A pose that sees a tag stands for images up to half of this away; the motion to them is small
 beside the error of one image."""
@@ -31,17 +34,26 @@ ARM_M = 0.3
 @dataclass(frozen=True, slots=True, eq=False)
 class Nodes:
     """track: T_map_base of all poses of the graph. keyframes: (k,) which of them are key frames.
-    edges: between them, measured anew where SLAM put the poses in the end."""
+    edges: between them, measured anew where SLAM put the poses in the end. surfaces: (p, 2) ordered
+    pairs of poses and (p, 3, 3) what they know of each other. ``EARLIER`` stands for a map that the
+    drive continues."""
 
     track: PlanarTrajectory
     keyframes: IntArray
     edges: tuple[GraphEdge, ...]
+    surfaces: tuple[IntArray, FloatArray]
 
 
 def nodes_of(
-    result: SlamResult, observations: Sequence[TagObservation], motion: MotionConfig
+    result: SlamResult,
+    observations: Sequence[TagObservation],
+    motion: MotionConfig,
+    information: MapInformation | None,
 ) -> Nodes:
-    """The key frames of a result, with further poses where tags were seen on the way."""
+    """The key frames of a result, with further poses where tags were seen on the way.
+
+    information: what holds the key frames; without it the edges of the graph do.
+    """
     keyframes, trajectory = result.graph.keyframes, result.trajectory
     seen_ns = np.array([one.stamp_ns for one in observations], dtype=np.int64)
     inside = (seen_ns >= trajectory.stamps_ns[0]) & (seen_ns <= trajectory.stamps_ns[-1])
@@ -49,18 +61,33 @@ def nodes_of(
     poses = trajectory.at(stamps_ns)
     number = np.searchsorted(stamps_ns, keyframes.stamps_ns)
     poses[number] = keyframes.poses
-    edges = []
-    for edge in result.graph.edges:
-        if edge.weight <= 0.0:
-            continue
-        ends = (int(number[edge.source]), int(number[edge.target]))
-        again = replace(edge, source=ends[0], target=ends[1])
-        edges += [again] if edge.kind == "closure" else _cut(again, poses)
+    edges, surfaces = _held(result, information, number, motion)
+    edges = [piece for edge in edges for piece in _cut(edge, poses)]
     edges = [_measured(edge, poses) for edge in edges]
-    edges += _believed(result, number, poses)
     outer = [*range(number[0]), *range(number[-1], len(poses) - 1)]
     edges += [_by_wheels(k, poses, motion) for k in outer]
-    return Nodes(PlanarTrajectory(stamps_ns, poses), number, tuple(edges))
+    return Nodes(PlanarTrajectory(stamps_ns, poses), number, tuple(edges), surfaces)
+
+
+def _held(
+    result: SlamResult,
+    information: MapInformation | None,
+    number: IntArray,
+    motion: MotionConfig,
+) -> tuple[list[GraphEdge], tuple[IntArray, FloatArray]]:
+    """What holds the key frames, whose numbers are (k,): edges, and the surfaces of ``Nodes``."""
+    if information is None:
+        edges = [edge for edge in result.graph.edges if edge.weight > 0.0]
+        surfaces = np.zeros((0, 2), dtype=np.int64), np.zeros((0, 3, 3))
+    else:
+        edges, (pairs, known) = information.steps(), information.blocks()
+        edges = [_as_blind(edge, result, motion) for edge in edges]
+        surfaces = np.append(number, EARLIER)[pairs], known
+    ends = np.append(number, EARLIER)
+    return [
+        replace(edge, source=int(ends[edge.source]), target=int(ends[edge.target]))
+        for edge in edges
+    ], surfaces
 
 
 def _spread(trajectory: PlanarTrajectory, keyframes_ns: IntArray, seen_ns: IntArray) -> IntArray:
@@ -78,7 +105,9 @@ def _spread(trajectory: PlanarTrajectory, keyframes_ns: IntArray, seen_ns: IntAr
 
 
 def _cut(edge: GraphEdge, poses: FloatArray) -> list[GraphEdge]:
-    """An edge of the chain as edges from pose to pose between its ends."""
+    """An edge of the chain as edges from pose to pose between its ends; others as they are."""
+    if edge.kind == "closure" or edge.source == EARLIER:
+        return [edge]
     numbers = range(edge.source, edge.target)
     paths_m = [_path_m(between(poses[k], poses[k + 1])) for k in numbers]
     whole_m = sum(paths_m)
@@ -91,33 +120,34 @@ def _cut(edge: GraphEdge, poses: FloatArray) -> list[GraphEdge]:
     return found
 
 
-def _believed(result: SlamResult, number: IntArray, poses: FloatArray) -> list[GraphEdge]:
-    """Where SLAM put its key frames, each relative to the first one, as sure as it was of it.
-
-    The refinement knows far more than the edges that it began with. How its errors are correlated
-    is not kept, so all key frames together count as one: covariance intersection (Julier & Uhlmann
-    1997), which is never surer than the truth.
-    """
-    count, first = len(number), int(number[0])
-    edges = []
-    for place, own in zip(number[1:].tolist(), result.graph.covariances[1:], strict=True):
-        step = between(poses[first], poses[place])
-        turned = rotation(step[2])  # out of the key frame's own frame
-        edges.append(GraphEdge(first, place, step, count * turned @ own @ turned.T, "match"))
-    return edges
-
-
 def _measured(edge: GraphEdge, poses: FloatArray) -> GraphEdge:
     """An edge as if it had been measured where its ends are."""
-    return replace(edge, T_source_target=between(poses[edge.source], poses[edge.target]))
+    source = np.zeros(3) if edge.source == EARLIER else poses[edge.source]
+    return replace(edge, T_source_target=between(source, poses[edge.target]))
 
 
 def _by_wheels(source: int, poses: FloatArray, motion: MotionConfig) -> GraphEdge:
     """A step before the first key frame or after the last, as unsure as wheels are."""
     step = between(poses[source], poses[source + 1])
+    return GraphEdge(source, source + 1, step, _of_wheels(step, motion), "odometry")
+
+
+def _as_blind(edge: GraphEdge, result: SlamResult, motion: MotionConfig) -> GraphEdge:
+    """A step of the odometry between key frames, with the noise of wheels on top of its own as far
+    as no scan was matched: how good they are is learnt from scans, which tell nothing there."""
+    if edge.kind == "closure" or edge.source == EARLIER or result.match_information is None:
+        return edge
+    stamps_ns = result.graph.keyframes.stamps_ns[[edge.source, edge.target]]
+    begin, end = np.searchsorted(result.trajectory.stamps_ns, stamps_ns)
+    blind = (result.match_information[begin + 1 : end + 1] == 0.0).all(axis=(1, 2))
+    noise = blind.mean() * _of_wheels(edge.T_source_target, motion)
+    return replace(edge, covariance=edge.covariance + noise)
+
+
+def _of_wheels(step: FloatArray, motion: MotionConfig) -> FloatArray:
+    """(3, 3) covariance of a step by wheels and gyroscope alone."""
     slip_m2 = motion.slip_m_per_sqrt_m**2
-    variances = np.array([slip_m2, slip_m2, motion.turn_rad_per_sqrt_m**2]) * _path_m(step)
-    return GraphEdge(source, source + 1, step, np.diag(variances), "odometry")
+    return np.diag([slip_m2, slip_m2, motion.turn_rad_per_sqrt_m**2]) * _path_m(step)
 
 
 def rescaled(edges: Sequence[GraphEdge], poses: FloatArray) -> tuple[GraphEdge, ...]:

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from slamsim.config.slam import LandmarksConfig
-from slamsim.core.geometry import adjoint, between, compose, rotation, wrap_angle
-from slamsim.core.landmarks import TagObservation
+from slamsim.core.geometry import adjoint, between, compose, inverse, rotation, wrap_angle
+from slamsim.core.landmarks import AS_CLAIMED, CameraErrors, TagObservation, TagsSeen
 from slamsim.core.result import GraphEdge
-from slamsim.core.types import FloatArray, PlanarTrajectory
+from slamsim.core.types import FloatArray, IntArray, PlanarTrajectory
 
 WALK_M, WALK_RAD = 0.01, 0.003
 """Standard deviation of the motion from a node to an image near it, per square root of a metre:
 what wheels that slip a little leave."""
 STANDING_M = 1e-4
+AROUND_NS = 50_000_000
+"""A velocity is that between poses so long before and after: a few scans."""
 SHARED = 0.1
 """Share of the variance of one observation that all of a node have in common: a small tag far away
 is seen nearer than it is, by a fifth of the standard deviation of one image (2,144 views at 4 to
@@ -25,26 +28,69 @@ FARTHEST_SIGMAS = 3.5
 """Observations of one tag that differ more from the others of a node are left out."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class TagView:
+    """What a node saw of a tag with a camera. edge: from 0 to 1, for its ends are numbered when the
+    graph is built. slopes: (3, 6) how errors that all views of the camera share move the tag, in
+    its own frame (``joint.SHARED``)."""
+
+    node: int
+    number: int
+    camera: str
+    edge: GraphEdge
+    slopes: FloatArray
+
+
 def tag_views(
     trajectory: PlanarTrajectory,
     nodes: PlanarTrajectory,
-    observations: Sequence[TagObservation],
+    tags: TagsSeen,
     config: LandmarksConfig,
-) -> list[tuple[int, int, GraphEdge]]:
-    """(number of the node, tag's number, edge) of each node that sees a tag, in this order.
+) -> list[TagView]:
+    """What each node sees of each tag by each camera, in this order.
 
-    Edges lead from 0 to 1, for their ends are numbered when the graph is built. Observations
-    at times that the trajectory (T_map_base) does not cover are left out.
+    Observations at times that the trajectory (T_map_base) does not cover are left out.
     """
+    inside = [
+        one
+        for one in tags.observations
+        if trajectory.stamps_ns[0] <= one.stamp_ns <= trajectory.stamps_ns[-1]
+    ]
+    if not inside:
+        return []
+    stamps_ns = np.array([one.stamp_ns for one in inside], dtype=np.int64)
+    poses, velocities = trajectory.at(stamps_ns), _velocities(trajectory, stamps_ns)
+    seen: dict[tuple[int, int, str], list[tuple[GraphEdge, FloatArray]]] = defaultdict(list)
+    for one, pose, velocity in zip(inside, poses, velocities, strict=True):
+        node = int(np.abs(nodes.stamps_ns - one.stamp_ns).argmin())
+        T_node_base = between(trajectory.at(nodes.stamps_ns[node : node + 1])[0], pose)
+        errors = tags.cameras.get(one.camera, AS_CLAIMED)
+        view = _carried(T_node_base, one), _slopes(one, velocity, errors)
+        seen[node, one.number, one.camera].append(view)
+    found = []
+    for key in sorted(seen):
+        edges, slopes = zip(*seen[key], strict=True)
+        found.append(TagView(*key, _joined(edges, config), np.mean(slopes, axis=0)))
+    return found
+
+
+def _velocities(trajectory: PlanarTrajectory, stamps_ns: IntArray) -> FloatArray:
+    """(n, 3) of the base in its own frame, m/s and rad/s, over a tenth of a second or less."""
     first_ns, last_ns = trajectory.stamps_ns[0], trajectory.stamps_ns[-1]
-    seen: dict[tuple[int, int], list[GraphEdge]] = defaultdict(list)
-    for one in observations:
-        if first_ns <= one.stamp_ns <= last_ns:
-            node = int(np.abs(nodes.stamps_ns - one.stamp_ns).argmin())
-            stamps_ns = np.array([nodes.stamps_ns[node], one.stamp_ns])
-            T_node_base = between(*trajectory.at(stamps_ns))
-            seen[node, one.number].append(_carried(T_node_base, one))
-    return [(*key, _joined(seen[key], config)) for key in sorted(seen)]
+    begin_ns = np.maximum(stamps_ns - AROUND_NS, first_ns)
+    end_ns = np.minimum(stamps_ns + AROUND_NS, last_ns)
+    step = between(trajectory.at(begin_ns), trajectory.at(end_ns))
+    seconds = np.maximum(1e-9 * (end_ns - begin_ns), 1e-9)
+    return np.asarray(step / seconds[:, None])
+
+
+def _slopes(one: TagObservation, velocity: FloatArray, camera: CameraErrors) -> FloatArray:
+    """(3, 6) of one observation."""
+    by_base = adjoint(inverse(one.T_base_tag))
+    by_time = by_base @ velocity
+    turned = rotation(-one.T_base_tag[2])[:2, :2]
+    ray = np.append(turned @ (one.T_base_tag[:2] - camera.middle_m), 0.0)
+    return np.column_stack([by_base, by_time, one.row * by_time, ray])
 
 
 def _carried(T_node_base: FloatArray, one: TagObservation) -> GraphEdge:

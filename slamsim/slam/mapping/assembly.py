@@ -10,7 +10,7 @@ from slamsim.core.types import Log, OutsideTimeRange, PlanarTrajectory
 from slamsim.slam.backend.correction import correct_pieces
 from slamsim.slam.backend.own_part import poses_since, since
 from slamsim.slam.backend.smoothing import Smoothed
-from slamsim.slam.backend.surface_information import smoothed_covariances
+from slamsim.slam.backend.surface_information import MapInformation, smoothed_information
 from slamsim.slam.events import in_words
 from slamsim.slam.failures import Failures
 from slamsim.slam.frontend.odometry import FrontEnd
@@ -24,8 +24,8 @@ def assemble(
     outcome: BackEndOutcome,
     first: int,
     seconds: Mapping[str, float],
-) -> SlamResult:
-    """The result of one drive.
+) -> tuple[SlamResult, MapInformation | None]:
+    """The result of one drive, and what holds its key frames, None without a refinement.
 
     track: its scans, at least one of them. outcome: of the whole map; the drive begins at key
     frame number ``first`` of it. seconds: spent on the way, by stage. What fails here leaves the
@@ -35,14 +35,14 @@ def assemble(
     raw, odometry = track.front_end(), track.odometry()
     corrected = correct_pieces(raw, graph.keyframes, _breaks_ns(front_end, outcome))
     failures, last = Failures(outcome.failed), len(outcome.graph.keyframes) - 1
-    trajectory, of_scans = corrected, graph
+    trajectory, of_scans, information = corrected, graph, None
     with failures.caught("smooth", last):
         smoothed = track.smoothed(corrected, track.calibrated_odometry(outcome.calibration))
-        of_scans = _smoothed_graph(graph, outcome, first, smoothed)
+        of_scans, information = _smoothed_graph(graph, outcome, first, smoothed)
         trajectory = smoothed.track
     events = _in_order(front_end, outcome)
     counted = (*front_end.warnings(), *track.warnings())
-    return SlamResult(
+    result = SlamResult(
         trajectory=trajectory,
         odometry=odometry,
         graph=of_scans,
@@ -66,6 +66,7 @@ def assemble(
         events=events,
         failed=tuple(failures),
     )
+    return result, information
 
 
 def odometry_alone(log: Log, prediction: PlanarTrajectory) -> PlanarTrajectory:
@@ -91,15 +92,16 @@ def _is_withdrawn(event: Event, outcome: BackEndOutcome) -> bool:
 
 def _smoothed_graph(
     graph: PoseGraph, outcome: BackEndOutcome, first: int, smoothed: Smoothed
-) -> PoseGraph:
+) -> tuple[PoseGraph, MapInformation | None]:
     """The drive's key frames where its smoothed track has them, as sure as they are there."""
     stamps_ns = graph.keyframes.stamps_ns
     keyframes = PlanarTrajectory(stamps_ns, smoothed.track.at(stamps_ns))
     graph = replace(graph, keyframes=keyframes)
     if outcome.information is None:
-        return graph
-    sure = smoothed_covariances(outcome.information, outcome.graph, first, smoothed)
-    return replace(graph, covariances=sure.relative, in_map=sure.in_map)
+        return graph, None
+    information = smoothed_information(outcome.information, outcome.graph, first, smoothed)
+    sure = information.covariances()
+    return replace(graph, covariances=sure.relative, in_map=sure.in_map), information
 
 
 def _in_order(front_end: FrontEnd, outcome: BackEndOutcome) -> tuple[Event, ...]:
