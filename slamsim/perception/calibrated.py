@@ -128,14 +128,15 @@ def _camera(path: Path, topic: str, entry: Mapping[str, Any]) -> CalibratedCamer
         placed, timed = not untold & set(_TOLD), not untold & {LATE, READOUT}
         late_s, readout_s = _seconds(entry, "stamps_late_s"), _seconds(entry, "readout_s")
         sigmas = _told_sigmas(entry, model)
-        told = [name for name in _PLACED if placed] + [name for name in _TIMED if timed]
+        told = {"scale", *(_PLACED if placed else ()), *(_TIMED if timed else ())}
+        errors = CameraErrors(**{name: sigmas[name] for name in told & sigmas.keys()})
         return CalibratedCamera(
             frame,
             str(entry["base_frame"]),
             _mount(dict(entry["mount"])) if placed else None,
             model,
             CameraClock(late_s, readout_s) if timed else CameraClock(),
-            replace(AS_CLAIMED, **{n: sigmas[n] for n in (*told, "scale") if n in sigmas}),
+            errors,
         )
 
 

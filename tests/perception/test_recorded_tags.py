@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from slamsim.cameras.lens import CameraModel, pinhole
 from slamsim.config.loading import load_run_config
 from slamsim.console.reporter import Reporter
+from slamsim.core.landmarks import TagObservation
 from slamsim.guard.errors import InputRefused, NotFound
 from slamsim.io.cameras.writers import calibration_yaml
 from slamsim.perception import recorded
@@ -73,20 +74,23 @@ def test_no_camera_at_all_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_tag_has_the_instant_of_the_rows_that_show_it(monkeypatch: pytest.MonkeyPatch) -> None:
     seen = [
         SimpleNamespace(
-            topic="front",
-            corners_px=np.array([[5.0, row - 2.0], [9, row - 2], [9, row + 2], [5, row + 2]]),
+            corners_px=np.array([[5.0, row - 2.0], [9, row - 2], [9, row + 2], [5, row + 2]])
         )
         for row in (0.0, 23.5, 47.0)
     ]
-    found: list[int] = []
     monkeypatch.setattr(recorded, "grey_of", lambda _: None)
     monkeypatch.setattr(recorded, "light_of", lambda _: None)
-    monkeypatch.setattr(recorded, "planar_observation", lambda at_ns, *_: found.append(at_ns))
-    detector: Any = SimpleNamespace(topic="front", detect=lambda *_: seen)
+    monkeypatch.setattr(
+        recorded,
+        "planar_observation",
+        lambda at_ns, *_: TagObservation(at_ns, 1, np.ones(3), np.eye(3)),
+    )
+    detector: Any = SimpleNamespace(detect=lambda *_: seen)
     frame: Any = SimpleNamespace(topic="front", stamp_ns=10**18)
     camera = recorded.UsedCamera(CAMERA, np.eye(4), CameraClock(0.012, 0.03))
-    recorded._observed(detector, frame, camera)
-    assert [at_ns - 10**18 for at_ns in found] == [-12_000_000, 3_000_000, 18_000_000]
+    found = recorded._observed(detector, frame, camera)
+    assert [one.stamp_ns - 10**18 for one in found] == [-12_000_000, 3_000_000, 18_000_000]
+    assert [(one.camera, one.row) for one in found] == [("front", share) for share in (0, 0.5, 1)]
 
 
 ENTRY = """\
@@ -142,7 +146,7 @@ def test_images_of_another_size_than_calibrated_are_refused(
 ) -> None:
     monkeypatch.setattr(recorded, "mount_of", mount_of)
     found = read_calibration(calibrated(tmp_path))
-    opened: Any = SimpleNamespace(topic="front", path=tmp_path)
+    opened: Any = SimpleNamespace(path=tmp_path)
     for width in (64, 128):
         topic = SimpleNamespace(topic="/front/color/image_raw", frame_id="", width=width, height=48)
         opened.pictures = lambda topic=topic: [topic]

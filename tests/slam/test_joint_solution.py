@@ -63,7 +63,8 @@ def test_the_solution_is_that_of_scipy() -> None:
     off = between(np.concatenate([true[:1], best.x[:-SHARED].reshape(-1, 3)]), solver.poses)
     sigmas = np.sqrt(np.diagonal(solver.covariances(0), axis1=1, axis2=2))[1:]
     assert np.abs(off[1:] / sigmas).max() < 0.03
-    covariance = np.linalg.inv(best.jac.T @ best.jac)
+    jacobian = np.asarray(best.jac, dtype=np.float64)
+    covariance = np.linalg.inv(jacobian.T @ jacobian)
     assert np.allclose(sigmas[:, 2], np.sqrt(np.diag(covariance)[2:-SHARED:3]), rtol=0.02)
 
 
