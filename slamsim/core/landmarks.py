@@ -70,11 +70,13 @@ AS_CLAIMED = CameraErrors()
 @dataclass(frozen=True, slots=True, eq=False)
 class TagsSeen:
     """What the images of a drive show of tags, and those whose places are known. cameras: by the
-    names that observations have."""
+    names that observations have. continues: whether the drive goes on with a map, in whose frame it
+    then is; known tags are that map's."""
 
     observations: tuple[TagObservation, ...] = ()
     known: tuple[KnownTag, ...] = ()
     cameras: Mapping[str, CameraErrors] = field(default_factory=dict)
+    continues: bool = False
 
 
 NO_TAGS = TagsSeen()

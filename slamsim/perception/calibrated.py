@@ -31,7 +31,6 @@ MOUNT = ("x_m", "y_m", "z_m", "roll_deg", "pitch_deg", "yaw_deg")
 _TOLD = ("x", "y", "roll", "pitch", "yaw")
 """Without a survey no drive in the plane tells z; the claimed one then stands in the file."""
 LATE, READOUT = "stamps late by", "readout"
-_PLACED, _TIMED = ("place_m", "yaw_rad"), ("late_s", "readout_s")
 LEAST_SIGMA = 1e-6
 """Of what was not fitted but given: a global shutter, or a readout by --readout-ms."""
 LONGEST_S = 10.0
@@ -127,9 +126,7 @@ def _camera(path: Path, topic: str, entry: Mapping[str, Any]) -> CalibratedCamer
             _log.warning("%s: %s of %s is inconclusive", path, names, topic)
         placed, timed = not untold & set(_TOLD), not untold & {LATE, READOUT}
         late_s, readout_s = _seconds(entry, "stamps_late_s"), _seconds(entry, "readout_s")
-        sigmas = _told_sigmas(entry, model)
-        told = {"scale", *(_PLACED if placed else ()), *(_TIMED if timed else ())}
-        errors = CameraErrors(**{name: sigmas[name] for name in told & sigmas.keys()})
+        errors = _errors(entry, model, placed=placed, timed=timed)
         return CalibratedCamera(
             frame,
             str(entry["base_frame"]),
@@ -140,19 +137,27 @@ def _camera(path: Path, topic: str, entry: Mapping[str, Any]) -> CalibratedCamer
         )
 
 
-def _told_sigmas(entry: Mapping[str, Any], model: CameraModel | None) -> dict[str, float]:
-    """Of ``CameraErrors``; a file of an earlier version tells fewer of them."""
+def _errors(
+    entry: Mapping[str, Any], model: CameraModel | None, *, placed: bool, timed: bool
+) -> CameraErrors:
+    """As sure as the file says of what counts as calibrated; an earlier version told less."""
     sigma = {str(name): float(value) for name, value in dict(entry.get("sigma", {})).items()}
     if not all(0.0 <= value < math.inf for value in sigma.values()):
         raise ValueError(f"sigma has numbers that are no standard deviations: {sigma}")
-    found = {name: sigma[name] for name in _TIMED if name in sigma}
-    if {"x_m", "y_m"} <= sigma.keys():
-        found["place_m"] = max(sigma["x_m"], sigma["y_m"])
-    if "yaw_deg" in sigma:
-        found["yaw_rad"] = math.radians(sigma["yaw_deg"])
-    if "focal_px" in sigma and model is not None:
-        found["scale"] = sigma["focal_px"] / float(model.focal_px.mean())
-    return {name: max(value, LEAST_SIGMA) for name, value in found.items()}
+    told: dict[str, float] = dict(sigma) if timed else {}
+    if placed and {"x_m", "y_m", "yaw_deg"} <= sigma.keys():
+        told["place_m"] = max(sigma["x_m"], sigma["y_m"])
+        told["yaw_rad"] = math.radians(sigma["yaw_deg"])
+    if model is not None and "focal_px" in sigma:
+        told["scale"] = sigma["focal_px"] / float(model.focal_px.mean())
+    told = {name: max(value, LEAST_SIGMA) for name, value in told.items()}
+    return CameraErrors(
+        place_m=told.get("place_m", AS_CLAIMED.place_m),
+        yaw_rad=told.get("yaw_rad", AS_CLAIMED.yaw_rad),
+        late_s=told.get("late_s", AS_CLAIMED.late_s),
+        readout_s=told.get("readout_s", AS_CLAIMED.readout_s),
+        scale=told.get("scale", AS_CLAIMED.scale),
+    )
 
 
 def _mount(told: Mapping[str, Any]) -> FloatArray:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Self
 
 import numpy as np
 
 from slamsim.config.slam import SlamConfig
-from slamsim.core.landmarks import NO_TAGS, TagsSeen
+from slamsim.core.landmarks import NO_TAGS, Landmark, TagsSeen
 from slamsim.core.progress import Progress, silent
 from slamsim.core.result import Calibrated, Event, MapGraph, SlamResult
 from slamsim.core.types import FloatArray, Log, PlanarTrajectory, Scan
@@ -26,7 +26,7 @@ from slamsim.slam.frontend.odometry import FrontEnd
 from slamsim.slam.frontend.scan_order import InOrder, NothingSeen, nothing_seen, nothing_to_track
 from slamsim.slam.frontend.track import Track
 from slamsim.slam.frontend.tracking import Status, Step, Tracked
-from slamsim.slam.landmarks.graph import held_by_tags
+from slamsim.slam.landmarks.graph import as_known, held_by_tags
 from slamsim.slam.laser.estimate import laser_of
 from slamsim.slam.mapping.assembly import assemble, odometry_alone
 from slamsim.slam.mapping.saved_map import SavedMap, settled
@@ -148,19 +148,30 @@ class SlamSession:
         """What holds the key frames since ``finish``; None without a final refinement."""
         return self._information
 
-    def saved(self, result: SlamResult) -> SavedMap:
+    @property
+    def joined(self) -> bool:
+        """Whether anything joins the drive that ``finish`` solved to the earlier map, or that stays
+        as it is."""
+        assert self._solved is not None
+        return self._fixed or any(
+            e.weight > 0.0 and e.source < self._first - 1 and e.target >= self._first
+            for e in self._solved.edges
+        )
+
+    def saved(self, result: SlamResult, earlier: Sequence[Landmark] = ()) -> SavedMap:
         """What a later run needs to go on with the map that ``finish`` gave, or to localise.
 
-        The earlier map is part of it if anything joins the two, or if it stays as it is.
+        The earlier map, with its tags, is part of it if it is ``joined``.
         """
         assert self._solved is not None
         first, edges = self._first, self._solved.edges
         poses = self._solved.keyframes.poses.copy()
         poses[first:] = result.graph.keyframes.poses
-        joined = self._fixed or any(
-            e.weight > 0.0 and e.source < first - 1 and e.target >= first for e in edges
-        )
-        return settled(self._keeper.keyframes(), poses, edges, 0 if joined else first)
+        seen = {tag.number for tag in result.landmarks}
+        kept = [tag for tag in earlier if self.joined and tag.number not in seen]
+        landmarks = sorted([*kept, *result.landmarks], key=lambda tag: tag.number)
+        begin = 0 if self.joined else first
+        return settled(self._keeper.keyframes(), poses, edges, begin, landmarks)
 
     def close(self) -> None:
         """End the back end, whatever it is doing; the session cannot go on."""
@@ -252,7 +263,7 @@ def map_log(
     earlier: a map to go on with; the trajectory is then in its frame, and both are one map, as
     soon as something is recognised. start: (3,) T_map_base in it at the first scan, give or take
     half a metre; without it the robot finds itself. fixed: the earlier map stays as it is. tags: in
-    its images, not together with an earlier map.
+    its images; those of the earlier map are known ones as soon as it is joined.
     """
     started_s = time.perf_counter()
     if start is not None:
@@ -281,8 +292,12 @@ def map_log(
         if not len(session):
             raise SlamsimError(nothing_to_track(log, odometry))
         result = session.finish(_rest_of(progress, len(log.scans), whole))
+        before_tags = () if earlier is None else earlier.landmarks
+        if earlier is not None:
+            known = before_tags if session.joined else ()
+            tags = replace(tags, known=tuple(map(as_known, known)), continues=True)
         result = held_by_tags(result, session.information, tags, config, failures)
-        saved = session.saved(result)
+        saved = session.saved(result, before_tags)
     progress(whole, whole)
     whole_result = replace(
         result,

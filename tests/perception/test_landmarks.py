@@ -12,7 +12,7 @@ from simulated import Simulated, ate_rmse_m
 from tag_hall import TAGS_IN_ROOM, hall, mistaken, observed, room, surveyed, tags_on_walls
 
 from slamsim.config.slam import LandmarksConfig, MotionConfig, SlamConfig
-from slamsim.core.geometry import between, compose, wrap_angle
+from slamsim.core.geometry import between, compose, inverse, wrap_angle
 from slamsim.core.landmarks import CameraErrors, TagObservation, TagsSeen
 from slamsim.core.result import SlamResult
 from slamsim.core.types import PlanarTrajectory
@@ -22,6 +22,7 @@ from slamsim.perception.tag_families import parse_tags
 from slamsim.slam.landmarks.graph import with_landmarks
 from slamsim.slam.landmarks.nodes import nodes_of
 from slamsim.slam.landmarks.views import tag_views
+from slamsim.slam.mapping.saved_map import read_saved_map, write_saved_map
 from slamsim.slam.session import map_log
 
 TAGS = tags_on_walls()
@@ -124,7 +125,7 @@ def test_steps_are_cut_where_tags_are_seen_between_key_frames(
     driven: tuple[Simulated, SlamResult, tuple[TagObservation, ...]],
 ) -> None:
     _, without, observations = driven
-    nodes = nodes_of(without, observations, MotionConfig(), None)
+    nodes = nodes_of(without, TagsSeen(observations), MotionConfig(), None)
 
     assert len(nodes.track) > len(without.graph.keyframes)
     chain = Counter((e.source, e.target) for e in nodes.edges if e.kind != "closure")
@@ -158,6 +159,35 @@ def test_tags_of_a_camera_that_sits_otherwise_leave_a_lidars_path_as_good() -> N
     both = [ate_rmse_m(each.trajectory, sim.truth) for each in (held, without)]
     assert both[1] < 0.002
     assert both[0] < 1.2 * both[1]
+
+
+def test_tags_of_an_earlier_map_are_landmarks_of_the_continued_one(tmp_path: Path) -> None:
+    first, second = room(4), room(5)
+    seen = [one for one in observed(first, TAGS_IN_ROOM, 4, 400_000_000) if one.number < 3]
+    mapped, saved = map_log(first.log, CONFIG, tags=TagsSeen(tuple(seen)))
+    write_saved_map(tmp_path / "map.npz", saved)
+    earlier = read_saved_map(tmp_path / "map.npz")
+    assert [tag.number for tag in earlier.landmarks] == [0, 1, 2]
+    write_saved_map(tmp_path / "without.npz", replace(saved, landmarks=()))
+    assert not any("landmark" in name for name in np.load(tmp_path / "without.npz").files)
+
+    again = [one for one in observed(second, TAGS_IN_ROOM, 5, 400_000_000) if one.number != 1]
+    on, whole = map_log(
+        second.log, CONFIG, earlier=earlier, start=np.zeros(3), tags=TagsSeen(tuple(again))
+    )
+    assert not on.failed
+    assert [tag.number for tag in on.landmarks] == [0, 2, 3]
+    assert [tag.number for tag in whole.landmarks] == [0, 1, 2, 3]
+    assert len(whole) > len(on.graph.keyframes)
+    T_map_truth = compose(
+        mapped.trajectory.poses[0], inverse(first.truth.at(mapped.trajectory.stamps_ns[:1])[0])
+    )
+    before = {tag.number: tag for tag in mapped.landmarks}
+    for tag in on.landmarks:
+        off = between(compose(T_map_truth, TAGS_IN_ROOM[tag.number]), tag.T_map_tag)
+        assert np.hypot(*off[:2]) < 0.02
+        if tag.number in before:
+            assert np.trace(tag.covariance) < np.trace(before[tag.number].covariance)
 
 
 def test_views_are_means_that_leave_out_what_is_far_off(

@@ -95,10 +95,14 @@ def test_what_a_world_will_not_show_is_refused_before_it_is_simulated(
     assert not (tmp_path / "out").exists()
 
 
-def test_tags_do_not_continue_a_map() -> None:
-    config = load_run_config(None, None, ["slam.landmarks.tags=apriltag_36h11:0.2"])
+def test_a_survey_does_not_continue_a_map(tmp_path: Path) -> None:
+    words = ["slam.landmarks.tags=apriltag_36h11:0.2"]
+    refuse_wrong_files(load_run_config(None, None, words), continues=True)
+    survey = tmp_path / "tags.yaml"
+    survey.write_text("tags: []\n")
+    config = load_run_config(None, None, [*words, f"slam.landmarks.surveyed={survey}"])
     refuse_wrong_files(config)
-    with pytest.raises(OverrideRefused, match="leave out --continue"):
+    with pytest.raises(OverrideRefused, match="keeps its own frame"):
         refuse_wrong_files(config, continues=True)
 
 

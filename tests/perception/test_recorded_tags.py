@@ -174,6 +174,7 @@ def test_what_is_inconclusive_and_what_is_not_used_is_told(
     [
         ("{x: inconclusive, stamps late by: ok}", False, CameraClock(0.012, 0.03)),
         ("{x: ok, stamps late by: inconclusive}", True, CameraClock()),
+        ("{x: ok, readout: inconclusive}", True, CameraClock()),
     ],
 )
 def test_what_was_inconclusive_stays_as_recorded(

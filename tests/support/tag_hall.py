@@ -50,7 +50,7 @@ def room(seed: int) -> Simulated:
     walls = np.concatenate([box(0, 0, 6, 4), box(2.6, 1.8, 3.4, 2.2)])
     round_ = [(1.5, 1.1), (4.5, 1.1), (4.5, 2.9), (1.5, 2.9)]
     points = np.array([*round_, *round_, round_[0]])
-    return simulate(walls, points, seed, gyro=False, max_s=50.0)
+    return simulate(walls, points, seed, gyro=False, max_s=30.0)
 
 
 def tags_on_walls(count: int = 10) -> FloatArray:

@@ -23,6 +23,7 @@ from slamsim.slam.frontend.scan_order import NothingSeen, nothing_seen
 
 _log = logging.getLogger(__name__)
 _KINDS = {"Image", "CompressedImage"}
+_LABELS = {"instances", "materials"}
 
 
 def refuse_unseen(config: RunConfig) -> CalibratedCameras:
@@ -38,9 +39,9 @@ def refuse_unseen(config: RunConfig) -> CalibratedCameras:
         raise OverrideRefused("--tags", lacks.format("them"))
     if layers.obstacles and not any(_shows(entry, is_depth=True) for entry in entries):
         raise OverrideRefused("--obstacles", lacks.format("depth"))
-    topics = sorted(topic for entry in entries for topic in _images(entry))
+    topics = sorted(topic for entry in entries for topic in _labels(entry))
     if layers.labels and layers.labels not in topics:
-        known = ", ".join(topic for topic in topics if topic.startswith("/ground_truth/")) or "none"
+        known = ", ".join(topics) or "none"
         reason = f"no camera of the robot has this topic; label images are on {known}"
         raise OverrideRefused(f"--labels {shown(layers.labels)}", reason)
     return calibrated
@@ -53,6 +54,13 @@ def _shows(entry: SensorEntry, *, is_depth: bool) -> bool:
     return bool(_images(entry))
 
 
+def _labels(entry: SensorEntry) -> list[str]:
+    """Topics of label images; of sensors of other kinds all images may be some."""
+    if isinstance(entry, CameraSettings):
+        return [topic for topic in _images(entry) if topic.rsplit("/", 1)[-1] in _LABELS]
+    return _images(entry)
+
+
 def _images(entry: SensorEntry) -> list[str]:
     return [topic for topic, kind in entry.topics.items() if kind.split("/")[-1] in _KINDS]
 
@@ -61,11 +69,12 @@ def refuse_wrong_files(config: RunConfig, *, continues: bool = False) -> Calibra
     """The cameras as calibrated, read once, for what is inconclusive of them is told.
 
     Raises UnknownTags, NotFound or InputRefused as reading tags and surveys will; OverrideRefused
-    for tags in a drive that continues an earlier map.
+    for a survey in a drive that continues an earlier map.
     """
     if config.slam.landmarks.tags:
-        if continues:
-            raise OverrideRefused("--tags", "tags do not continue a map; leave out --continue")
+        if continues and config.slam.landmarks.surveyed:
+            reason = "a map that is continued keeps its own frame; leave it out"
+            raise OverrideRefused("slam.landmarks.surveyed", reason)
         parse_tags(config.slam.landmarks.tags)
         known_tags(config.slam.landmarks)
     return read_calibration(config.slam.camera_calibration)

@@ -282,8 +282,11 @@ def _chosen(
     held: MountFit, whole: MountFit, claim: CameraModel | None
 ) -> tuple[MountFit, list[Quantity]]:
     """What tags tell of focal lengths and centre, and the fit to use: with the claimed ones (held)
-    where these may be right, for then the mount is told better, else with all of it free (whole).
+    where these may be right, for then the mount is told better, else with all of it free (whole),
+    which tells nothing where it does not explain the sightings.
     """
+    if not whole.explains:
+        return held, []
     model = whole.model
     sigmas = np.array([whole.sigma(name) for name in lens_names(model)])
     told = list(report.lens_quantities(model, sigmas, claim))[: len(ALL_LENS)]

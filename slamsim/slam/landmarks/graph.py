@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slamsim.config.slam import SlamConfig
-from slamsim.core.geometry import compose, inverse
+from slamsim.core.geometry import compose, inverse, rotation
 from slamsim.core.landmarks import CameraErrors, KnownTag, Landmark, TagsSeen
 from slamsim.core.result import GraphEdge, SlamResult
 from slamsim.core.types import FloatArray, IntArray
@@ -58,7 +58,7 @@ def with_landmarks(
     information: what holds the key frames, None without a refinement. If a surveyed tag was seen,
     the map is in the frame of the survey. Raises NoSolution.
     """
-    nodes = nodes_of(result, tags.observations, config.front_end.motion, information)
+    nodes = nodes_of(result, tags, config.front_end.motion, information)
     views = tag_views(result.trajectory, nodes.track, tags, config.landmarks)
     if not views:
         return replace(result, warnings=(*result.warnings, NOT_WHILE_MAPPED))
@@ -80,10 +80,17 @@ def with_landmarks(
     )
 
 
+def as_known(tag: Landmark) -> KnownTag:
+    """A tag of a finished map, as a later drive takes it."""
+    turned = rotation(tag.T_map_tag[2])
+    return KnownTag(tag.number, tag.T_map_tag, turned @ tag.covariance @ turned.T)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Problem:
-    """poses: (m, 3): the survey's origin if base is 1, nodes from number base on, then tags by
-    number. fixed: edges that are no views of tags; views: those that are. keyframes: (k,)."""
+    """poses: (m, 3): the origin of the survey or the earlier map if base is 1, nodes from number
+    base on, then tags by number. fixed: edges that are no views of tags; views: those that are.
+    keyframes: (k,)."""
 
     poses: FloatArray
     base: int
@@ -95,7 +102,8 @@ class _Problem:
     cameras: Mapping[str, CameraErrors]
     surfaces: tuple[IntArray, FloatArray]
     surveyed: frozenset[int]
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[str, ...]
+    continues: bool
 
     @staticmethod
     def of(nodes: Nodes, views: Sequence[TagView], tags: TagsSeen) -> _Problem:
@@ -103,18 +111,19 @@ class _Problem:
         first = _places(track, views)
         seen = sorted(first)
         known = [each for each in tags.known if each.number in first]
-        base = 1 if known else 0
+        base = 1 if known or tags.continues else 0
         numbers = {tag: base + len(track) + k for k, tag in enumerate(seen)}
         poses = np.concatenate([track, [first[tag] for tag in seen]])
         fixed = [replace(e, source=base + e.source, target=base + e.target) for e in nodes.edges]
-        if known:
+        if known and not tags.continues:
             anchor = known[0]
-            T_survey_map = compose(anchor.T_map_tag, inverse(first[anchor.number]))
-            poses = np.concatenate([np.zeros((1, 3)), compose(T_survey_map, poses)])
-            fixed += [
-                GraphEdge(0, numbers[each.number], each.T_map_tag, each.covariance, "match")
-                for each in known
-            ]
+            poses = compose(compose(anchor.T_map_tag, inverse(first[anchor.number])), poses)
+        if base:
+            poses = np.concatenate([np.zeros((1, 3)), poses])
+        fixed += [
+            GraphEdge(0, numbers[each.number], each.T_map_tag, each.covariance, "match")
+            for each in known
+        ]
         return _Problem(
             poses,
             base,
@@ -125,8 +134,9 @@ class _Problem:
             tuple(views),
             tags.cameras,
             (base + nodes.surfaces[0], nodes.surfaces[1]),
-            frozenset(each.number for each in known),
-            _missing(tags.known, known),
+            frozenset(each.number for each in known if not tags.continues),
+            () if tags.continues else _missing(tags.known, known),
+            tags.continues,
         )
 
     def ties(self) -> Ties:
@@ -184,12 +194,13 @@ def _solved(problem: _Problem, config: SlamConfig) -> JointSolver:
 def _covariances(
     problem: _Problem, solver: JointSolver, information: MapInformation | None
 ) -> FloatArray:
-    """(k, 3, 3) of the key frames relative to the first."""
-    held = solver.covariances(int(problem.keyframes[0]))[problem.keyframes]
+    """(k, 3, 3) of the key frames relative to the first of the map."""
+    first = 0 if problem.continues else int(problem.keyframes[0])
+    held = solver.covariances(first)[problem.keyframes]
     if information is None:
         return held
     poses, scatter = solver.poses[problem.keyframes], information.scatter[information.first :]
-    return with_scatter(poses, held, scatter)
+    return held + scatter if problem.continues else with_scatter(poses, held, scatter)
 
 
 def _landmarks(problem: _Problem, solver: JointSolver) -> tuple[Landmark, ...]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from slamsim.config.slam import MotionConfig
 from slamsim.core.geometry import between, rotation
-from slamsim.core.landmarks import TagObservation
+from slamsim.core.landmarks import TagsSeen
 from slamsim.core.result import GraphEdge, SlamResult
 from slamsim.core.types import FloatArray, IntArray, PlanarTrajectory
 from slamsim.slam.backend.surface_information import MapInformation
@@ -46,7 +46,7 @@ class Nodes:
 
 def nodes_of(
     result: SlamResult,
-    observations: Sequence[TagObservation],
+    tags: TagsSeen,
     motion: MotionConfig,
     information: MapInformation | None,
 ) -> Nodes:
@@ -55,13 +55,15 @@ def nodes_of(
     information: what holds the key frames; without it the edges of the graph do.
     """
     keyframes, trajectory = result.graph.keyframes, result.trajectory
-    seen_ns = np.array([one.stamp_ns for one in observations], dtype=np.int64)
+    seen_ns = np.array([one.stamp_ns for one in tags.observations], dtype=np.int64)
     inside = (seen_ns >= trajectory.stamps_ns[0]) & (seen_ns <= trajectory.stamps_ns[-1])
     stamps_ns = _spread(trajectory, keyframes.stamps_ns, np.unique(seen_ns[inside]))
     poses = trajectory.at(stamps_ns)
     number = np.searchsorted(stamps_ns, keyframes.stamps_ns)
     poses[number] = keyframes.poses
     edges, surfaces = _held(result, information, number, motion)
+    if tags.continues and information is None:
+        edges.append(_from_earlier(result, int(number[0])))
     edges = [piece for edge in edges for piece in _cut(edge, poses)]
     edges = [_measured(edge, poses) for edge in edges]
     outer = [*range(number[0]), *range(number[-1], len(poses) - 1)]
@@ -88,6 +90,14 @@ def _held(
         replace(edge, source=int(ends[edge.source]), target=int(ends[edge.target]))
         for edge in edges
     ], surfaces
+
+
+def _from_earlier(result: SlamResult, node: int) -> GraphEdge:
+    """Where the first key frame is in the map that the drive continues."""
+    pose = result.graph.keyframes.poses[0]
+    turned = rotation(pose[2])  # out of the key frame's own frame
+    covariance = turned @ result.graph.covariances[0] @ turned.T
+    return GraphEdge(EARLIER, node, pose, covariance, "match")
 
 
 def _spread(trajectory: PlanarTrajectory, keyframes_ns: IntArray, seen_ns: IntArray) -> IntArray:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from slamsim.core.landmarks import Landmark
 from slamsim.core.result import GraphEdge
 from slamsim.core.types import FloatArray
 from slamsim.guard.errors import InputRefused
@@ -26,6 +27,8 @@ from slamsim.slam.frontend.keyframes import Keyframe
 from slamsim.slam.matching.surfaces import PIECE_FIELDS
 
 FORMAT = 3
+TAGS = "landmark."
+"""Columns of maps with tags; others have none."""
 _SHAPES: dict[str, Shape] = {
     "T_map_base": (3,),
     "T_odom_base": (3,),
@@ -42,12 +45,14 @@ _SHAPES: dict[str, Shape] = {
     "doubt": (3,),
     "T_source_target": (3,),
     "covariance": (3, 3),
+    "T_map_tag": (3,),
 }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SavedMap:
     """keyframes: numbered from 0. poses: (n, 3) T_map_base. closures: between key frames.
+    landmarks: tags in the map.
 
     The key frames' own T_map_base are these poses as well: no drift is left in them, and their
     views stand there.
@@ -56,13 +61,18 @@ class SavedMap:
     keyframes: Sequence[Keyframe]
     poses: FloatArray
     closures: Sequence[GraphEdge]
+    landmarks: Sequence[Landmark] = ()
 
     def __len__(self) -> int:
         return len(self.keyframes)
 
 
 def settled(
-    keyframes: Sequence[Keyframe], poses: FloatArray, edges: Sequence[GraphEdge], first: int
+    keyframes: Sequence[Keyframe],
+    poses: FloatArray,
+    edges: Sequence[GraphEdge],
+    first: int,
+    landmarks: Sequence[Landmark] = (),
 ) -> SavedMap:
     """The map of the key frames from number ``first`` on, at their final poses (n, 3)."""
     placed = [
@@ -75,7 +85,7 @@ def settled(
         if edge.kind == "closure" and edge.weight > 0.0 and min(edge.source, edge.target) >= first
     ]
     renumbered = [replace(keyframe, index=keyframe.index - first) for keyframe in placed[first:]]
-    return SavedMap(renumbered, poses[first:], closures)
+    return SavedMap(renumbered, poses[first:], closures, landmarks)
 
 
 def write_saved_map(path: Path, saved: SavedMap) -> None:
@@ -86,6 +96,8 @@ def write_saved_map(path: Path, saved: SavedMap) -> None:
         **to_columns(saved.keyframes, Keyframe, "keyframe."),
         **to_columns(saved.closures, GraphEdge, "closure."),
     }
+    if saved.landmarks:
+        columns |= to_columns(saved.landmarks, Landmark, TAGS)
     file = io.BytesIO()
     np.savez(file, allow_pickle=False, **columns)
     write_atomic(path, file.getvalue())
@@ -133,4 +145,6 @@ def _checked(columns: Columns) -> SavedMap:
     if any(edge.kind != "closure" or max(edge.source, edge.target) >= count for edge in closures):
         raise ValueError("its closures do not join its key frames")
     check_edges(closures)
-    return SavedMap(keyframes, poses, closures)
+    tags = len(columns.get(TAGS + "number", ()))
+    landmarks = from_columns(columns, Landmark, tags, _SHAPES, TAGS) if tags else []
+    return SavedMap(keyframes, poses, closures, landmarks)
