@@ -68,6 +68,7 @@ def test_a_healthy_recording_is_healthy() -> None:
     }
 
 
+@settings(max_examples=40)
 @example(6.0, 0.0, 0.0, 0.0047, 0.0, 65)
 @given(
     rate_hz=st.floats(4.0, 40.0),

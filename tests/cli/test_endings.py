@@ -25,6 +25,7 @@ from slamsim.slam.events import BY_WEIGHT, by_weight
 
 SLOW = ("--set", "sensors.lidar.rate_hz=10")
 SHORT = ("--set", "drive.route.max_path_length_m=5", *SLOW)
+HALF = ("--set", "drive.route.max_path_length_m=8", *SLOW)
 EVENTS = st.lists(
     st.builds(
         lambda start, length, kind: Event(start, start + length, kind, kind),
@@ -93,8 +94,8 @@ def drives(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A map of one world, another drive through it, and a drive through another world."""
     folder = tmp_path_factory.mktemp("drives")
     for words in (
-        ("map", "tiny", "--out", f"{folder}/first", *SLOW),
-        ("simulate", "tiny", "--drive-seed", "1", "--out", f"{folder}/second", *SLOW),
+        ("map", "tiny", "--out", f"{folder}/first", *HALF),
+        ("simulate", "tiny", "--drive-seed", "1", "--out", f"{folder}/second", *HALF),
         ("simulate", "tiny", "--seed", "3", "--out", f"{folder}/elsewhere", *SHORT),
     ):
         assert CliRunner().invoke(app, [*words, "-q"]).exit_code == 0

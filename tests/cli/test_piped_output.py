@@ -28,7 +28,7 @@ from slamsim.console.reporter import Reporter
 from slamsim.sensors.faults.registry import bundled_faults
 
 FEW_BEAMS = ("--set", "sensors.lidar=lds_01")
-SHORT = ("--set", "drive.route.max_path_length_m=2")
+SHORT = ("--set", "drive.route.max_path_length_m=2", *FEW_BEAMS)
 LIVE = (
     *("tiny", "--drive", "tour", "--rate", "max", "--duration", "2", "--no-slam", "--record"),
     *("--page-port", "0", "--rosbridge-port", "0", "--foxglove-port", "0"),

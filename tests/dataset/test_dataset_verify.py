@@ -50,7 +50,7 @@ def test_what_was_just_made_is_whole(small_set: Path) -> None:
     assert found.files == len(tree(small_set))
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.too_slow], deadline=None)
+@settings(max_examples=30, suppress_health_check=[HealthCheck.too_slow], deadline=None)
 @given(data=st.data())
 def test_one_flipped_bit_in_any_file_is_named_and_nothing_else_is(
     data: st.DataObject, scratch: Path

@@ -19,7 +19,7 @@ from rosbridge_robot import Robot, ask, call, complaint, serving, subscribe, tol
 from served_robot import NotedControls
 from websockets.exceptions import ConnectionClosedOK
 
-from slamsim.io.ros.values import types
+from slamsim.io.ros.standard_types import ros2_types
 from slamsim.live.servers.access import Access
 from slamsim.live.servers.rosbridge.server import start_rosbridge
 
@@ -83,7 +83,7 @@ def test_png_holds_the_json(robot: Robot) -> None:
         pixels = cv2.imdecode(image, cv2.IMREAD_COLOR_RGB)
         assert pixels is not None
         message = json.loads(pixels.tobytes())
-    expected: Any = types().deserialize_cdr(grid(30), "nav_msgs/msg/OccupancyGrid")
+    expected: Any = ros2_types().deserialize_cdr(grid(30), "nav_msgs/msg/OccupancyGrid")
     assert message["msg"]["data"] == expected.data.tolist()
 
 
@@ -119,7 +119,7 @@ def test_a_late_client_gets_the_last_map_once(robot: Robot) -> None:
             message = told(one)
             assert message["topic"] == "/map"
             call(one, "/rosapi/nodes")
-        expected: Any = types().deserialize_cdr(grid(5, 2), "nav_msgs/msg/OccupancyGrid")
+        expected: Any = ros2_types().deserialize_cdr(grid(5, 2), "nav_msgs/msg/OccupancyGrid")
         assert message["msg"]["data"] == expected.data.tolist()
 
 

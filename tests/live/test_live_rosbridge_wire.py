@@ -13,7 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.interfaces import Nodetype
 
-from slamsim.io.ros.values import WrongMessage, cdr_of, plain_values, types
+from slamsim.io.ros.standard_types import ros2_types
+from slamsim.io.ros.values import WrongMessage, cdr_of, plain_values
 from slamsim.live.rosbridge.fragments import Fragments, split
 from slamsim.live.rosbridge.wire import (
     cbor_bytes,
@@ -23,7 +24,7 @@ from slamsim.live.rosbridge.wire import (
     png_text,
 )
 
-TYPES = sorted(types().fielddefs)
+TYPES = sorted(ros2_types().fielddefs)
 
 
 def plain_json(value: Any) -> Any:
@@ -41,7 +42,7 @@ def plain_json(value: Any) -> Any:
 
 def values_of(type_name: str, draw: Any) -> dict[str, Any]:
     """Random values of a message type, all fields given."""
-    return {name: drawn(node, draw) for name, node in types().fielddefs[type_name][1]}
+    return {name: drawn(node, draw) for name, node in ros2_types().fielddefs[type_name][1]}
 
 
 RANGES = {

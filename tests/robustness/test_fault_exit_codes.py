@@ -146,15 +146,6 @@ def test_a_data_set_is_not_made_where_it_does_not_stay(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.fixture(scope="module")
-def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A recording in ``made``, of a few seconds, and its true trajectory."""
-    cwd = tmp_path_factory.mktemp("full")
-    brief = ("--set", "drive.route.max_duration_s=5")
-    assert of("simulate", "tiny", "--out", "made", "-q", *brief, cwd=cwd)[0] == 0
-    return cwd
-
-
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -162,15 +153,15 @@ def run_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ["--help"],
         ["config", "tiny"],
         ["world", "tiny", "--json"],
-        ["verify", "made", "--json"],
+        ["verify", "there", "--json"],
         ["fault", "--list", "--json"],
     ],
 )
-def test_a_full_disk_behind_standard_output_is_75(arguments: list[str], run_folder: Path) -> None:
+def test_a_full_disk_behind_standard_output_is_75(arguments: list[str], folder: Path) -> None:
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
             [sys.executable, "-c", MAIN, *arguments],
-            cwd=run_folder,
+            cwd=folder,
             stdout=full,
             stderr=subprocess.PIPE,
             text=True,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slamsim.core.geometry import matrix_from_rpy, se3_from_parts
@@ -60,6 +60,7 @@ def test_the_cameras_published_value() -> None:
     assert box_inertia(0.072, (0.025, 0.090, 0.025))[0, 0] == pytest.approx(5.235e-5, rel=1e-6)
 
 
+@settings(max_examples=25)
 @given(st.integers(min_value=0, max_value=2**32 - 1))
 def test_joined_bodies_equal_the_integral_over_both(seed: int) -> None:
     rng = np.random.default_rng(seed)

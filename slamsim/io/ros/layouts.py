@@ -110,12 +110,7 @@ class _Layout:
 
 @cache
 def _members(type_name: str) -> tuple[tuple[str, tuple[Nodetype, Any]], ...]:
-    return tuple(_types().fielddefs[type_name][1])
-
-
-@cache
-def _types() -> Any:
-    return ros2_types()
+    return tuple(ros2_types().fielddefs[type_name][1])
 
 
 def _alike(kind: Nodetype, of: Any) -> tuple[str, int | None]:

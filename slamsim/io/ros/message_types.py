@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import cache, lru_cache
+from functools import lru_cache
 from typing import Any
 
 from rosbags.interfaces import Nodetype
@@ -89,22 +89,16 @@ class MessageTypes:
     def is_cdr(self, topic: str) -> bool:
         """Whether messages are serialised as ROS 2 does, with the standard definition."""
         name, encoding = self._kinds[topic]
-        defined, standard = self._store(name).fielddefs, _standard().fielddefs
+        defined, standard = self._store(name).fielddefs, ros2_types().fielddefs
         return encoding == "cdr" and all(standard.get(kind) == of for kind, of in defined.items())
 
     def _store(self, name: str) -> Typestore:
         definition = self._definitions.get(name)
         if definition is not None and definition[1]:
             return _store_of(name, *definition)
-        if name not in _standard().fielddefs:
+        if name not in ros2_types().fielddefs:
             raise ValueError(f"no definition of {name[:60]!r}")
-        return _standard()
-
-
-@cache
-def _standard() -> Typestore:
-    """For recordings without definitions; nothing is ever added to it."""
-    return ros2_types()
+        return ros2_types()
 
 
 @lru_cache(maxsize=64)

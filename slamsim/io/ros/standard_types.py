@@ -1,9 +1,8 @@
-"""ROS 2 message types: the standard ones (as of Jazzy) and our own, made anew for each use.
-
-A fresh store per file keeps what one file defines from another.
-"""
+"""ROS 2 message types: the standard ones (as of Jazzy) and our own."""
 
 from __future__ import annotations
+
+from functools import cache
 
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
@@ -32,8 +31,10 @@ float64[] quats_xyzw
 """
 
 
+@cache
 def ros2_types() -> Typestore:
-    """The standard types and two of our own.
+    """The standard types and two of our own, to which nothing is ever added: what a file defines
+    is put into a store of its own (``message_types.py``).
 
     EncoderTicks: cumulative ticks, and what turns them into metres. FrameTruth: of an image, true
     instants and poses of its rows in the map (one row for all with a global shutter).

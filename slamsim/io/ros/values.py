@@ -11,12 +11,10 @@ import binascii
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
 from rosbags.interfaces import Nodetype
-from rosbags.typesys.store import Typestore
 
 from slamsim.guard.errors import SlamsimError, shown
 from slamsim.io.ros.message_types import normal_type_name
@@ -45,17 +43,11 @@ class WrongMessage(SlamsimError):
     """What came over a connection is not what its protocol or a message type says."""
 
 
-@cache
-def types() -> Typestore:
-    """The message types that are known."""
-    return ros2_types()
-
-
 def known_type(name: str) -> str:
     """The ROS 2 name of a type that is asked for by its ROS 1 or ROS 2 name; raises WrongMessage
     for one that is not known."""
     normal = normal_type_name(name)
-    if normal not in types().fielddefs:
+    if normal not in ros2_types().fielddefs:
         raise WrongMessage(f"message type {shown(name)} is not known")
     return normal
 
@@ -71,7 +63,7 @@ def plain_values(type_name: str, data: bytes, ros1: bool) -> dict[str, Any]:
     ros1: for clients of ROS 1 a time has ``secs`` and ``nsecs`` besides, and a header ``seq``:
     many ask for a type by its ROS 1 name of either ROS, so that both find what they read.
     """
-    return _plain(type_name, types().deserialize_cdr(data, type_name), ros1)
+    return _plain(type_name, ros2_types().deserialize_cdr(data, type_name), ros1)
 
 
 def _plain(type_name: str, message: Any, ros1: bool) -> dict[str, Any]:
@@ -81,7 +73,7 @@ def _plain(type_name: str, message: Any, ros1: bool) -> dict[str, Any]:
     name: str
     kind: Nodetype
     spec: Any
-    for name, (kind, spec) in types().fielddefs[type_name][1]:
+    for name, (kind, spec) in ros2_types().fielddefs[type_name][1]:
         value = getattr(message, name)
         if kind == Nodetype.NAME:
             value = _plain(spec, value, ros1)
@@ -100,7 +92,7 @@ def cdr_of(type_name: str, values: object, now_ns: int) -> bytes:
     """
     try:
         message = _message(type_name, values, "", now_ns)
-        return bytes(types().serialize_cdr(message, type_name))
+        return bytes(ros2_types().serialize_cdr(message, type_name))
     except (ValueError, OverflowError, TypeError, struct.error) as error:
         reason = f"a message of {type_name} cannot be made of this: {error}"
         raise WrongMessage(reason) from None
@@ -123,13 +115,13 @@ def _fields(value: object) -> Any:
 
 def ros1_of(type_name: str, data: bytes) -> bytes:
     """A CDR message as ROS 1 serialises it."""
-    return bytes(types().cdr_to_ros1(data, type_name))
+    return bytes(ros2_types().cdr_to_ros1(data, type_name))
 
 
 def _message(type_name: str, values: object, place: str, now_ns: int) -> Any:
     if not isinstance(values, Mapping):
         raise WrongMessage(f"{place or 'msg'}: {type_name} is needed, not {shown(values)}")
-    nodes = types().fielddefs[type_name][1]
+    nodes = ros2_types().fielddefs[type_name][1]
     known = {name for name, _ in nodes}
     if type_name in _TIMES:
         values = {_ROS1_TIME.get(name, name): value for name, value in values.items()}
@@ -147,7 +139,7 @@ def _message(type_name: str, values: object, place: str, now_ns: int) -> Any:
         else _default(node, now_ns)
         for name, node in nodes
     }
-    return types().types[type_name](**made)
+    return ros2_types().types[type_name](**made)
 
 
 def _default(node: Any, now_ns: int) -> Any:
@@ -229,7 +221,7 @@ def type_details(type_name: str) -> Sequence[Mapping[str, Any]]:
         name = left.pop()
         if name in found:
             continue
-        constants, nodes = types().fielddefs[name]
+        constants, nodes = ros2_types().fielddefs[name]
         kinds = [_field_type(node) for _, node in nodes]
         found[name] = {
             "type": name,
@@ -240,7 +232,7 @@ def type_details(type_name: str) -> Sequence[Mapping[str, Any]]:
             "constnames": [constant for constant, _, _ in constants],
             "constvalues": [str(value) for _, _, value in constants],
         }
-        left += [kind for kind, _ in kinds if kind in types().fielddefs]
+        left += [kind for kind, _ in kinds if kind in ros2_types().fielddefs]
     return list(found.values())
 
 

@@ -18,7 +18,8 @@ from websockets.typing import Subprotocol
 from slamsim.guard.errors import reason_of, shown
 from slamsim.io.bag2.folder import TopicKind, described
 from slamsim.io.ros.message_types import WRITTEN_AS, MessageTypes
-from slamsim.io.ros.values import WrongMessage, cdr_of_message, ros1_of, types
+from slamsim.io.ros.standard_types import ros2_types
+from slamsim.io.ros.values import WrongMessage, cdr_of_message, ros1_of
 from slamsim.live.rosbridge.wire import parsed
 from slamsim.live.sources.source import LiveSource, objects_of, text_of
 
@@ -122,7 +123,7 @@ class FoxgloveSource(LiveSource):
 
     def _description(self, topic: TopicKind) -> Mapping[str, str]:
         ros1 = self._encoding == "ros1"
-        text = types().generate_msgdef(topic.type_name, ros_version=1)[0] if ros1 else ""
+        text = ros2_types().generate_msgdef(topic.type_name, ros_version=1)[0] if ros1 else ""
         return {
             "topic": topic.name,
             "encoding": self._encoding,

@@ -14,25 +14,27 @@ from slamsim.check.question import Question, QuestionGroup, judge, unanswered
 
 @dataclass(frozen=True, slots=True)
 class Need:
-    """unknown: as in ``UNKNOWNS``. sigma: the standard deviation wanted. motion: which tells it."""
+    """unknown: as in ``UNKNOWNS``. name: of it, for people. sigma: the standard deviation wanted.
+    motion: which tells it."""
 
     unknown: str
+    name: str
     sigma: float
     motion: str
 
 
 _TURNS, _DRIVES = "turning to and fro, ten times a minute", "ten metres of straight driving"
 NEEDS = (
-    Need("gyro_delay_s", 3e-4, _TURNS),
-    Need("wheel_delay_s", 1e-3, _TURNS),
-    Need("gyro_gain", 2e-3, "a few full turns to either side"),
-    Need("gyro_bias_rad_s", 1e-3, "standing still for some seconds"),
-    Need("path_gain", 1e-3, _DRIVES),
-    Need("turn_gain", 2e-3, "a few full turns to either side"),
-    Need("curvature_rad_m", 5e-3, _DRIVES),
-    Need("laser_x_m", 3e-3, "turning on the spot to both sides"),
-    Need("laser_y_m", 3e-3, "turning on the spot to both sides"),
-    Need("laser_yaw_rad", 1e-3, _DRIVES),
+    Need("gyro_delay_s", "delay of the gyroscope", 3e-4, _TURNS),
+    Need("wheel_delay_s", "delay of the wheels", 1e-3, _TURNS),
+    Need("gyro_gain", "scale of the gyroscope", 2e-3, "a few full turns to either side"),
+    Need("gyro_bias_rad_s", "bias of the gyroscope", 1e-3, "standing still for some seconds"),
+    Need("path_gain", "scale of the path", 1e-3, _DRIVES),
+    Need("turn_gain", "scale of turns", 2e-3, "a few full turns to either side"),
+    Need("curvature_rad_m", "curvature of the path", 5e-3, _DRIVES),
+    Need("laser_x_m", "x of the laser", 3e-3, "turning on the spot to both sides"),
+    Need("laser_y_m", "y of the laser", 3e-3, "turning on the spot to both sides"),
+    Need("laser_yaw_rad", "yaw of the laser", 1e-3, _DRIVES),
 )
 """About a fifth of the sizes that are faults."""
 
@@ -74,11 +76,9 @@ def check_excitation(calibration: Calibration) -> list[Finding]:
     short = [(one, share) for one, share in zip(needs, reached, strict=True) if share > 1.0]
     words = f"the motion tells all {len(needs)} unknowns as sharply as they are wanted"
     if short:
-        told = [
-            f"{one.unknown} ({share:.1f} times too unsure: {one.motion})" for one, share in short
-        ]
+        told = [f"{one.name} ({share:.1f} times too unsure: {one.motion})" for one, share in short]
         words = f"the motion tells too little of {'; '.join(told)}"
-    names = ", ".join(one.unknown for one in needs)
+    names = ", ".join(one.name for one in needs)
     plot = Plot(
         "standard deviation reached over that wanted",
         f"unknown: {names}",
