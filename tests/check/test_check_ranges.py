@@ -10,10 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from slamsim.check.diagnosis import explained
 from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding
 from slamsim.check.questions.inertial.gravity import check_inertial
 from slamsim.check.questions.ranges.ranges import check_ranges
+from slamsim.check.questions.ranges.rounding import rounding_step_m
 from slamsim.check.questions.streams.scan_times import check_scan_time
 from slamsim.check.scan_sample import sample_scans
 from slamsim.core.types import Float32Array, FloatArray
@@ -365,3 +367,41 @@ def test_scan_time_fits_stamps_and_sweep(scan_time_s: float, beam_dt_s: float, w
         mended = apply_repairs(made, findings[0].repairs)
         (found,) = check_scan_time(RecordingEvidence(mended))
         assert found.verdict == "ok"
+
+
+@given(step_m=st.floats(0.002, 0.4), begin_m=st.floats(0.0, 0.3), seed=st.integers(0, 99))
+def test_the_step_of_rounded_ranges_is_found(step_m: float, begin_m: float, seed: int) -> None:
+    true_m = np.random.default_rng(seed).uniform(0.5, 8.0, 60_000)
+    rounded = begin_m + np.round(true_m / step_m) * step_m
+    found = rounding_step_m(rounded.astype(np.float32).astype(np.float64))
+    # Ten readings of each value and steps that rounding to 0.1 mm leaves whole.
+    assert found == pytest.approx(step_m, abs=2e-4) or (found == 0.0 and step_m < 0.01)
+
+
+@pytest.mark.parametrize(
+    "readings",
+    [np.zeros(0), np.full(500, 2.0), np.tile([1.0, 1.25, 1.5], 400), np.linspace(1.0, 8.0, 900)],
+    ids=["none", "one value", "three values", "each once"],
+)
+def test_what_does_not_repeat_steps_is_not_called_rounded(readings: FloatArray) -> None:
+    assert rounding_step_m(readings) == 0.0
+
+
+def test_a_room_without_noise_keeps_no_step() -> None:
+    """A robot at rest reads few values again and again, at any distance from each other."""
+    readings = np.random.default_rng(3).uniform(0.4, 7.0, 300)
+    assert rounding_step_m(np.tile(readings, 200)) == 0.0
+
+
+@pytest.mark.parametrize(("step_m", "told"), [(0.25, True), (0.1, True), (0.04, False)])
+def test_ranges_in_steps_longer_than_a_cell_are_told(step_m: float, told: bool) -> None:
+    ranges_m = (np.round(room() / step_m) * step_m).astype(np.float32)
+    found = {one.fault for one in range_findings(recorded(ranges_m))}
+    assert ("ranges_coarse" in found) is told
+
+
+def test_millimetres_are_no_coarse_metres() -> None:
+    ranges = np.round(1e3 * room()).astype(np.float32)
+    told = {one.fault for one in explained(range_findings(recorded(ranges))) if one.fault}
+    assert "range_unit" in told
+    assert "ranges_coarse" not in told

@@ -7,7 +7,7 @@ from functools import partial
 import numpy as np
 
 from independent.fault import Fault, Made, fault
-from independent.recorded import Imu, rpy_matrix
+from independent.recorded import Imu, after, rpy_matrix, rpy_quaternion
 from independent.robots import Robot
 from independent.sensors import GRAVITY_M_S2
 
@@ -17,12 +17,13 @@ def _imu(made: Made) -> Imu:
 
 
 def _turned(made: Made, roll: float, pitch: float, yaw: float) -> None:
-    """Mounted otherwise than declared, by these degrees about the declared axes."""
-    turn = rpy_matrix(*np.deg2rad([roll, pitch, yaw]))
-    _imu(made).gyro, _imu(made).acceleration = (
-        _imu(made).gyro @ turn,
-        _imu(made).acceleration @ turn,
-    )
+    """Mounted otherwise than declared, by these degrees about the declared axes; an orientation
+    that the unit estimates is its own, wherever its axes point."""
+    angles = np.deg2rad([roll, pitch, yaw])
+    imu, turn = _imu(made), rpy_matrix(*angles)
+    imu.gyro, imu.acceleration = imu.gyro @ turn, imu.acceleration @ turn
+    if imu.quaternion is not None:
+        imu.quaternion = after(imu.quaternion, rpy_quaternion(*angles))
 
 
 def _gyro_times(made: Made, factor: float) -> None:

@@ -155,8 +155,10 @@ READINGS = [
         "range_limits",
         change=partial(_no_return_as, zero=True),
     ),
-    fault("ranges_10cm_steps", "rounded", None, change=partial(_rounded, quantum_m=0.1)),
-    fault("ranges_25cm_steps", "rounded", None, change=partial(_rounded, quantum_m=0.25)),
+    fault("ranges_10cm_steps", "rounded", "ranges_coarse", change=partial(_rounded, quantum_m=0.1)),
+    fault(
+        "ranges_25cm_steps", "rounded", "ranges_coarse", change=partial(_rounded, quantum_m=0.25)
+    ),
     fault("noise_15cm", "noise", None, change=partial(_noisy, sigma_m=0.15)),
     fault("most_beams_lost", "lost", "beams_lost", change=partial(_lost_beams, share=0.7)),
     fault(

@@ -119,6 +119,19 @@ def rpy_quaternion(roll: float, pitch: float, yaw: float) -> Floats:
     )
 
 
+def after(quaternions: Floats, turn: Floats) -> Floats:
+    """(n, 4) of rotations (n, 4), each after a turn (4,) in the turned frame; x, y, z, w."""
+    (x, y, z, w), (a, b, c, d) = quaternions.T, turn
+    return np.column_stack(
+        [
+            w * a + x * d + y * c - z * b,
+            w * b - x * c + y * d + z * a,
+            w * c + x * b - y * a + z * d,
+            w * d - x * a - y * b - z * c,
+        ]
+    )
+
+
 def rpy_matrix(roll: float, pitch: float, yaw: float) -> Floats:
     """Rz(yaw) Ry(pitch) Rx(roll)."""
     (sr, cr), (sp, cp), (sy, cy) = ((np.sin(a), np.cos(a)) for a in (roll, pitch, yaw))

@@ -18,6 +18,7 @@ from independent.writer import STORE, messages_of, write
 from slamsim.bench.check.independent import (
     IndependentCampaign,
     generator_folder,
+    judged,
     run_cases,
     run_independent,
     summarise_independent,
@@ -114,6 +115,16 @@ def _same(one: Messages, other: Messages) -> bool:
         else type(a) is type(b) and a == b
         for a, b in pairs
     )
+
+
+@pytest.mark.parametrize("wanted", [None, frozenset({"noise"})])
+@pytest.mark.parametrize("also", [None, frozenset[str]()])
+def test_an_error_of_the_checker_names_no_fault(
+    wanted: frozenset[str] | None, also: frozenset[str] | None
+) -> None:
+    assert not judged({"checker_error"}, [wanted], also)["named"]
+    assert not judged({"checker_error", "noise"}, [wanted], also)["right"]
+    assert judged({"noise"}, [wanted], also)["right"]
 
 
 @pytest.mark.parametrize("name", FAULTS)

@@ -12,9 +12,10 @@ from scan_recording import LIDAR, healthy, truth, with_layout, with_ranges
 
 from slamsim.core.geometry import between, compose
 from slamsim.core.types import FloatArray
+from slamsim.guard.numbers import require_covariances
 from slamsim.models.line_bundle import fit_lines
 from slamsim.recording import RawScans
-from slamsim.slam.laser import scan_bundle
+from slamsim.slam.laser import scan_bundle, scan_motion
 from slamsim.slam.laser.scan_beams import BeamReader
 from slamsim.slam.laser.scan_bends import BEND_FIELDS, LARGEST_BEND_PER_M, fit_bends
 from slamsim.slam.laser.scan_equations import POSE, SHAPES, UNKNOWNS, moved_points, window_system
@@ -322,3 +323,17 @@ def test_made_up_information_is_taken_away_with_and_without_eigenvectors(
     found = scan_bundle._believable(information, made_up)
     exact = scan_bundle._spectrally_believable(information, made_up)
     np.testing.assert_allclose(found, exact, rtol=1e-6, atol=1e-9 * np.abs(exact).max())
+
+
+@given(seed=st.integers(0, 10_000), exponent=st.floats(8.0, 14.0))
+def test_what_a_step_tells_is_symmetric_however_little_one_direction_is_told(
+    seed: int, exponent: float
+) -> None:
+    """Where an inverse is rounded by a hundredth, as of ranges in steps of 25 cm."""
+    rng = np.random.default_rng(seed)
+    axes, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    covariance = np.zeros((6, 6))
+    covariance[3:, 3:] = axes @ np.diag([1e-8, 1e-6, 10.0 ** (exponent - 8.0)]) @ axes.T
+    T_first_second = rng.normal(0.0, 0.3, (1, 3))
+    information = scan_motion._step_information(T_first_second, covariance)
+    require_covariances("what a step tells", information, (1, 3, 3), 1e20)

@@ -27,6 +27,7 @@ from slamsim.bench.check.outcome import Json, Measured, measured_in, pairs_with_
 from slamsim.bench.check.repaired import fixed_words, repaired, summarise_repaired
 from slamsim.bench.check.summary import coverage_of, coverage_row
 from slamsim.check.check import check_recording
+from slamsim.check.registry import CHECKER_ERROR
 from slamsim.console.reporter import Reporter
 from slamsim.guard.errors import NotFound, SlamsimError, shown
 from slamsim.guard.output import write_atomic
@@ -176,7 +177,7 @@ def _run_case(generator: Any, case: Any, seconds: float, fix: bool) -> Json:
     return {
         **_about(case),
         "lidar": expected.about,
-        **_judged(said, list(expected.right), expected.also),
+        **judged(said, list(expected.right), expected.also),
         "said": [f"{each.fault} {each.subject}: {each.words}" for each in report.faults],
         "measured": [{**asdict(measured), "truth": truth} for measured, truth in pairs],
         "seconds": taken_s,
@@ -187,12 +188,14 @@ def _run_case(generator: Any, case: Any, seconds: float, fix: bool) -> Json:
 Names = frozenset[str] | None
 
 
-def _judged(said: set[str], wanted: list[Names], also: Names) -> Json:
+def judged(said: set[str], wanted: list[Names], also: Names) -> Json:
     """Whether each fault was named, and nothing false beside; where no checker has a name for a
-    fault (None), or anything may be said besides (also is None), nothing can be false."""
-    named = all(bool(said) if one is None else bool(said & one) for one in wanted)
+    fault (None), or anything may be said besides (also is None), nothing can be false but an error
+    of the checker's own."""
+    broken = said & {CHECKER_ERROR.name}
+    named = all(bool(said - broken if one is None else said & one) for one in wanted)
     if also is None or None in wanted:
-        invented = set[str]()
+        invented = broken
     else:
         invented = said - also.union(*(one for one in wanted if one is not None))
     return {

@@ -282,7 +282,8 @@ def _step_information(T_first_second: FloatArray, covariance: FloatArray) -> Flo
         jacobian = np.hstack([-carried, np.eye(3)])
         block = slice(3 * k, 3 * k + 6)
         information[k] = np.linalg.inv(jacobian @ covariance[block, block] @ jacobian.T)
-    return information
+    # Of a step that one direction hardly tells the rounding of the inverse is no longer small.
+    return np.asarray(0.5 * (information + np.swapaxes(information, 1, 2)))
 
 
 def _joined(parts: list[IntArray]) -> IntArray:

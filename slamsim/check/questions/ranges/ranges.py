@@ -20,6 +20,7 @@ from slamsim.check.questions.ranges.beams import (
 )
 from slamsim.check.questions.ranges.no_return import NO_RETURN, check_no_return, without_codes
 from slamsim.check.questions.ranges.repeats import STUCK, check_repeats
+from slamsim.check.questions.ranges.rounding import ROUNDING, check_rounding
 from slamsim.check.questions.ranges.units import (
     UNIT,
     declared,
@@ -97,6 +98,7 @@ def check_ranges(evidence: RecordingEvidence) -> list[Finding]:
         ]
         sample = without_codes(sample)
         findings += [
+            check_rounding(scans.topic, sample),
             check_repeats(recording, scans, sample),
             *check_beams(scans.topic, sample),
             check_lost(scans.topic, sample),
@@ -108,7 +110,20 @@ def check_ranges(evidence: RecordingEvidence) -> list[Finding]:
 GROUP = QuestionGroup(
     "ranges",
     40,
-    (BEAMS, LAYOUT, INTENSITIES, UNIT, LIMITS, NO_RETURN, STUCK, CONSTANT, DEAD, LOST, ISOLATED),
+    (
+        BEAMS,
+        LAYOUT,
+        INTENSITIES,
+        UNIT,
+        LIMITS,
+        NO_RETURN,
+        ROUNDING,
+        STUCK,
+        CONSTANT,
+        DEAD,
+        LOST,
+        ISOLATED,
+    ),
     check_ranges,
 )
 

@@ -31,7 +31,7 @@ _MIN_PAIRS = 5
 RANGE_UNIT = FaultKind(
     "range_unit",
     "ranges are in another unit than metres",
-    (same_subject("range_limits", "range_offset", "scan_interference"),),
+    (same_subject("range_limits", "range_offset", "scan_interference", "ranges_coarse"),),
 )
 UNIT = Question(
     "ranges.unit",
