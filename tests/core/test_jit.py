@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from numba.core.errors import TypingError
+from sources import tree_of
 
 from slamsim.core import jit
 
@@ -120,9 +121,9 @@ def test_kernels_take_no_numbers_from_modules_without_kernels() -> None:
     it was when they were compiled."""
     package = Path(jit.__file__).parents[1]
     trees = {
-        "slamsim." + ".".join(path.relative_to(package).with_suffix("").parts): ast.parse(text)
+        "slamsim." + ".".join(path.relative_to(package).with_suffix("").parts): tree_of(path)
         for path in package.rglob("*.py")
-        if "@kernel" in (text := path.read_text())
+        if "@kernel" in path.read_text()
     }
     for module, tree in trees.items():
         imports = [one for one in tree.body if isinstance(one, ast.ImportFrom)]

@@ -5,10 +5,10 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
-from functools import cache
 from pathlib import Path
 
 import pytest
+from sources import imports_of, tree_of
 
 PACKAGE = Path(__file__).parents[2] / "slamsim"
 ALLOWED = {
@@ -43,24 +43,12 @@ ALLOWED = {
 HEAVY = [*ALLOWED, "numba", "scipy", "cv2", "shapely"]
 
 
-@cache
-def imports_of(path: Path) -> set[str]:
-    names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            names.update(alias.name.split(".")[0] for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
-            names.add(node.module.split(".")[0])
-    return names
-
-
-@pytest.mark.parametrize("library", sorted(ALLOWED))
-def test_a_library_is_imported_only_within_its_border(library: str) -> None:
+def test_libraries_are_imported_only_within_their_borders() -> None:
     strangers = [
-        name
+        (library, name)
         for path in sorted(PACKAGE.rglob("*.py"))
-        if library in imports_of(path)
-        and not (name := path.relative_to(PACKAGE).as_posix()).startswith(ALLOWED[library])
+        for library in ALLOWED.keys() & imports_of(path)
+        if not (name := path.relative_to(PACKAGE).as_posix()).startswith(ALLOWED[library])
     ]
     assert strangers == []
 
@@ -111,7 +99,7 @@ def opened_for_reading(path: Path) -> bool:
     """Whether a module calls what reads a file by its name."""
     return any(
         isinstance(node, ast.Call) and _name(node.func) in READING and not _writes(node)
-        for node in ast.walk(ast.parse(path.read_text()))
+        for node in ast.walk(tree_of(path))
     )
 
 

@@ -12,6 +12,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
+from sources import tree_of
+
 PACKAGE = Path(__file__).parents[2] / "slamsim"
 
 TOP_LEVEL: Mapping[str, str] = {
@@ -110,8 +112,7 @@ def imports() -> Mapping[str, frozenset[str]]:
     """The modules that each module imports, wherever in its text."""
     known = modules()
     return {
-        name: frozenset(_imported(ast.parse(path.read_text()), known)) - {name}
-        for name, path in known.items()
+        name: frozenset(_imported(tree_of(path), known)) - {name} for name, path in known.items()
     }
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import os
 import re
 import subprocess
@@ -11,6 +10,8 @@ import tomllib
 from collections.abc import Iterable
 from importlib.metadata import packages_distributions
 from pathlib import Path
+
+from sources import imports_of
 
 import slamsim
 
@@ -42,13 +43,7 @@ def declared(extra: str | None = None) -> set[str]:
 
 def imported(paths: Iterable[Path]) -> set[str]:
     """The libraries that the files import, wherever in their text."""
-    names = set[str]()
-    for path in paths:
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Import):
-                names.update(alias.name.partition(".")[0] for alias in node.names)
-            elif isinstance(node, ast.ImportFrom) and node.module and node.level == 0:
-                names.add(node.module.partition(".")[0])
+    names = {name for path in paths for name in imports_of(path)}
     return names - set(sys.stdlib_module_names) - {"slamsim"}
 
 
