@@ -15,7 +15,9 @@ from slamsim.guard.errors import InputRefused
 from slamsim.io.cameras import open_cameras
 from slamsim.io.open import open_recording
 from slamsim.io.selection import EVERYTHING
+from slamsim.perception.layers.labels import boxes_of
 from slamsim.report.viewer.images import log_images
+from slamsim.report.viewer.run import write_recording
 from slamsim.report.viewer.show import check_recording
 from slamsim.report.viewer.unmapped import unmapped
 from slamsim.run.cameras.viewing import AHEAD, shown_cameras, write_unmapped
@@ -61,6 +63,26 @@ def test_a_recording_with_a_camera_is_drawn_without_errors(tmp_path: Path) -> No
     assert found.errors == ()
     assert found.parents["cameras/cam/image/optical"] == "base_footprint"
     assert "cam/image" in found.views
+
+
+def test_boxes_are_drawn_without_errors_and_lie_about_the_pixels_of_things(tmp_path: Path) -> None:
+    image = np.zeros((6, 9), np.int32)
+    image[0], image[2:5, 3:7], image[5, 8] = 2, 4, 11
+    labels, boxes_px = boxes_of(image)
+    assert labels.tolist() == [4, 11]
+    assert boxes_px.tolist() == [[3, 2, 6, 4], [8, 5, 8, 5]]
+    assert boxes_of(image[:1])[1].shape == (0, 4)
+
+    path = as_mcap(tmp_path / "a.mcap", [*ROBOT.drive(), *mounted(), *camera()])
+    with open_cameras(path) as cameras:
+        opened = open_recording(path)
+        shown = shown_cameras(cameras, opened.recording)
+        topic, view = shown[0].topic, unmapped(opened.log())
+        stamp_ns = int(view.log.scans[0].stamp_ns)
+        boxes = {topic: [(stamp_ns, labels, boxes_px), (stamp_ns + 1, labels[:0], boxes_px[:0])]}
+        write_recording(tmp_path / "a.rrd", view, cameras.encoded(), shown, boxes)
+    assert check_recording(tmp_path / "a.rrd").errors == ()
+    assert b"Boxes2D" in (tmp_path / "a.rrd").read_bytes()  # labels are packed
 
 
 def test_colour_is_shown_before_depth_and_grey(tmp_path: Path) -> None:

@@ -27,6 +27,8 @@ from slamsim.perception.calibrated import CameraClock
 
 ENCODINGS = {"mono8": "u1", "8UC1": "u1", "32SC1": "i4"}
 WITHIN_NS = 20_000_000
+FIRST_THING = 3
+"""Of instances of a simulated camera: below are nothing, floor and wall (``world.parts``)."""
 _LABELS = 1 << 32
 _HELD = 1 << 22
 """So many votes wait until they are added up."""
@@ -41,6 +43,15 @@ class LabelTopic:
     depth: str
     frame_id: str
     images: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LabelBoxes:
+    """Boxes about the pixels of each label in the image at stamp_ns: as ``boxes_of``."""
+
+    stamp_ns: int
+    labels: IntArray
+    boxes_px: FloatArray
 
 
 def label_topic(path: Path, topic: str, cameras: Cameras) -> LabelTopic:
@@ -63,6 +74,32 @@ def label_topic(path: Path, topic: str, cameras: Cameras) -> LabelTopic:
             return LabelTopic(topic, depth.topic, first.frame_id, known[topic])
     reason = f"there is no depth of its pixels: {width} x {height} in {first.frame_id!r}"
     raise InputRefused(path, reason, f"topic {topic}")
+
+
+def label_boxes(path: Path, topic: str, most: int) -> Iterator[LabelBoxes]:
+    """What a topic of the recording shows of things, in at most so many of its images, evenly;
+    nothing where there is no such topic.
+
+    Raises as ``label_topic`` for images that hold no labels.
+    """
+    with open_bag(path) as bag:
+        total = sum(each.messages for each in bag.of_type(RAW) if each.topic == topic)
+        for frame in _frames(bag, path, {topic}, topic):
+            if frame.number * most % total < most:
+                labels, boxes_px = boxes_of(frame.stored()[1])
+                yield LabelBoxes(frame.stamp_ns, labels, boxes_px)
+
+
+def boxes_of(image: NDArray[np.int32]) -> tuple[IntArray, FloatArray]:
+    """(k,) the labels of things in (h, w), and (k, 4) least and largest column and row of each."""
+    rows, columns = np.nonzero(image >= FIRST_THING)
+    labels, which = np.unique(image[rows, columns], return_inverse=True)
+    least = np.full((len(labels), 2), np.inf)
+    largest = -least
+    pixels = np.column_stack([columns, rows]).astype(np.float64)
+    np.minimum.at(least, which, pixels)
+    np.maximum.at(largest, which, pixels)
+    return labels.astype(np.int64), np.column_stack([least, largest])
 
 
 def true_clock(path: Path, topic: str) -> CameraClock | None:

@@ -17,7 +17,8 @@ from slamsim.cameras.codecs.raw import Kind
 from slamsim.cameras.frames import EncodedFrame
 from slamsim.cameras.lens import CameraModel
 from slamsim.core.geometry import xyzw_from_matrix
-from slamsim.core.types import FloatArray
+from slamsim.core.layers import label_colours
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.guard.errors import InputRefused
 from slamsim.guard.pictures import JPEG_MAGIC
 from slamsim.report.run_view import RunView
@@ -85,6 +86,30 @@ def log_images(
             stamps_ns = np.array([image.stamp_ns], dtype=np.int64)
             recording.send_columns(entity, [time_column(view, stamps_ns)], columns)
     return sorted(entities, key=lambda entity: _SHOWN_FIRST.index(entities[entity]))
+
+
+def log_boxes(
+    recording: rr.RecordingStream,
+    view: RunView,
+    topic: str,
+    boxes: Iterable[tuple[int, IntArray, FloatArray]],
+) -> None:
+    """Boxes on the images of a topic, of a camera that is drawn: stamp, (k,) labels, and (k, 4)
+    least and largest column and row of each."""
+    entity = f"{entity_of(topic)}/boxes"
+    frame = rr.CoordinateFrame(f"{entity_of(topic)}/image")
+    recording.log(entity, frame, static=True)
+    for stamp_ns, labels, corners_px in boxes:
+        least, largest = corners_px[:, :2], corners_px[:, 2:]
+        columns = rr.Boxes2D.columns(
+            centers=0.5 * (least + largest + 1.0),
+            half_sizes=0.5 * (largest - least + 1.0),
+            labels=[f"thing {label}" for label in labels.tolist()],
+            colors=label_colours(labels),
+        )
+        stamps_ns = np.array([stamp_ns], dtype=np.int64)
+        whole = columns.partition([len(labels)])
+        recording.send_columns(entity, [time_column(view, stamps_ns)], whole)
 
 
 def camera_views(entities: list[str]) -> list[rrb.Spatial2DView]:

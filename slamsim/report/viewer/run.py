@@ -8,18 +8,25 @@ ever on a full disk.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 import rerun as rr
 
 from slamsim.cameras.frames import EncodedFrame
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.guard.output import write_atomic
 from slamsim.report.figures.palette import rgb
 from slamsim.report.precision import precision_plots
 from slamsim.report.run_view import RunView
 from slamsim.report.viewer.blueprint import blueprint
-from slamsim.report.viewer.images import ShownCamera, camera_views, log_cameras, log_images
+from slamsim.report.viewer.images import (
+    ShownCamera,
+    camera_views,
+    log_boxes,
+    log_cameras,
+    log_images,
+)
 from slamsim.report.viewer.scene import (
     log_graph,
     log_layers,
@@ -40,11 +47,12 @@ def write_recording(
     view: RunView,
     images: Iterable[EncodedFrame] = (),
     cameras: Sequence[ShownCamera] = (),
+    boxes: Mapping[str, Iterable[tuple[int, IntArray, FloatArray]]] | None = None,
 ) -> None:
     """Write ``run.rrd``; what was under this name stays if anything fails.
 
-    images: of cameras, of which those in ``cameras`` are drawn where they are. Raises what
-    write_atomic raises.
+    images: of cameras, of which those in ``cameras`` are drawn where they are. boxes: as
+    ``log_boxes`` takes them, by topics of images. Raises what write_atomic raises.
     """
     recording = rr.RecordingStream(APPLICATION, recording_id=_identity(view))
     memory = recording.memory_recording()
@@ -65,6 +73,8 @@ def write_recording(
         _log_plots(recording, view)
         log_cameras(recording, cameras)
         pictures = camera_views(log_images(recording, view, images))
+        for topic, things in (boxes or {}).items():
+            log_boxes(recording, view, topic, things)
         recording.send_blueprint(blueprint(view, pictures))
     finally:
         rr.set_strict_mode(strict_before)

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 
-from slamsim.core.types import FloatArray, Log, PlanarTrajectory
+from slamsim.core.types import FloatArray, IntArray, Log, PlanarTrajectory
 from slamsim.guard.errors import InputRefused, NotFound
 from slamsim.io.cameras import is_image_folder, open_cameras
 from slamsim.io.cameras.base import Cameras
 from slamsim.io.formats.ros import is_ros
 from slamsim.io.open import open_recording
+from slamsim.io.ros.images import without_transport
 from slamsim.io.selection import Selection
+from slamsim.perception.layers.labels import label_boxes
 from slamsim.recording import RawScans, Recording
 from slamsim.recording.cleaning.rising_stamps import epoch_of
 from slamsim.recording.mountings import BASE_FRAME, known_mounting, tree_of
@@ -51,7 +54,19 @@ def write_unmapped(run: Path, wanted: Selection, rerun: Path) -> None:
 
 def _write(rerun: Path, log: Log, cameras: Cameras, recording: Recording | None) -> None:
     shown = shown_cameras(cameras, recording)
-    write_recording(rerun, unmapped(log), cameras.thinned(MOST_IMAGES), shown)
+    boxes = {} if recording is None else dict(_boxes(cameras, shown))
+    write_recording(rerun, unmapped(log), cameras.thinned(MOST_IMAGES), shown, boxes)
+
+
+def _boxes(
+    cameras: Cameras, shown: Sequence[ShownCamera]
+) -> Iterator[tuple[str, Iterator[tuple[int, IntArray, FloatArray]]]]:
+    """Of true instances, where they were recorded, by the topic of the pictures that show them."""
+    drawn = {each.topic for each in shown}
+    for each in (one for one in cameras.pictures() if one.topic in drawn):
+        imager = without_transport(each.topic).removesuffix("/image_raw")
+        found = label_boxes(cameras.path, f"/ground_truth{imager}/instances", MOST_IMAGES)
+        yield each.topic, ((one.stamp_ns, one.labels, one.boxes_px) for one in found)
 
 
 def shown_cameras(cameras: Cameras, recording: Recording | None) -> list[ShownCamera]:
