@@ -78,7 +78,7 @@ def test_boxes_are_drawn_without_errors_and_lie_about_the_pixels_of_things(tmp_p
         opened = open_recording(path)
         shown = shown_cameras(cameras, opened.recording)
         topic, view = shown[0].topic, unmapped(opened.log())
-        stamp_ns = int(view.log.scans[0].stamp_ns)
+        stamp_ns = int(view.result.trajectory.stamps_ns[0])
         boxes = {topic: [(stamp_ns, labels, boxes_px), (stamp_ns + 1, labels[:0], boxes_px[:0])]}
         write_recording(tmp_path / "a.rrd", view, cameras.encoded(), shown, boxes)
     assert check_recording(tmp_path / "a.rrd").errors == ()
