@@ -17,7 +17,7 @@ from slamsim.core.geometry import compose, inverse
 from slamsim.core.types import FloatArray, Grid, PlanarTrajectory
 from slamsim.guard.errors import NotFound
 from slamsim.guard.files import own_file, read_input
-from slamsim.io.names import LOG
+from slamsim.io import LOG
 from slamsim.io.text.tum import read_tum
 from slamsim.report.figures.palette import ESTIMATE
 from slamsim.report.figures.palette import ODOMETRY as ALONE

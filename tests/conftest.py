@@ -22,7 +22,7 @@ import typer.testing
 from hypothesis import settings
 
 if TYPE_CHECKING:
-    from slamsim.dataset.make.engines.base import WorkEngine
+    from slamsim.dataset.make.engines.local import WorkEngine
 
 settings.register_profile("any machine", settings(), deadline=None)
 settings.load_profile("any machine")

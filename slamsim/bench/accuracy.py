@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import closing
 from dataclasses import asdict, dataclass
@@ -12,9 +13,7 @@ from typing import cast
 
 import numpy as np
 
-from slamsim.bench.alone import Children
-from slamsim.bench.logs import kept_or_temporary, simulated_log
-from slamsim.bench.tables import SEED_HEADER, seed_line, summary_rows
+from slamsim.bench.logs import Children, kept_or_temporary, simulated_log
 from slamsim.bench.truth import false_closures, revisits_closed
 from slamsim.config.loading import load_world_config
 from slamsim.config.run import RunConfig
@@ -223,3 +222,69 @@ def _closure_figures(result: SlamResult, truth: PlanarTrajectory) -> Figures:
         "revisits": revisits,
         "revisits_closed": closed,
     }
+
+
+_MRAD_PER_DEG = 1e3 * math.pi / 180.0
+
+_COLUMNS = (
+    ("ATE", "ATE, mm", "ate_rmse_m", 1e3, ".2f"),
+    ("max", "largest error, mm", "ate_max_m", 1e3, ".1f"),
+    ("mrad", "rotation, mrad", "ate_rot_rmse_deg", _MRAD_PER_DEG, ".2f"),
+    ("bound", "times the bound", "ate_over_bound", 1.0, ".1f"),
+    ("nees", "NEES of a run (3 expected)", "nees_mean", 1.0, ".1f"),
+    ("front", "front end alone, mm", "front_end_ate_rmse_m", 1e3, ".2f"),
+    ("odo", "wheels alone, m", "odometry_ate_rmse_m", 1.0, ".2f"),
+    ("loops", "closures", "closures", 1.0, ".0f"),
+    ("false", "false closures", "closures_false", 1.0, ".0f"),
+    ("lost", "scans lost", "scans_lost", 1.0, ".0f"),
+    ("ms", "ms per scan", "ms_per_scan", 1.0, ".2f"),
+    ("MB", "peak memory, MB", "peak_memory_mb", 1.0, ".0f"),
+)
+"""Heading of the column, name in the summary, key, scale and format."""
+
+_SEED_WIDTH, _LEAST_WIDTH = 4, 6
+
+SEED_HEADER = "seed" + "".join(
+    short.rjust(max(len(short) + 2, _LEAST_WIDTH)) for short, *_ in _COLUMNS
+)
+
+
+def seed_line(figures: Mapping[str, object]) -> str:
+    """The figures of one seed under ``SEED_HEADER``, or why there are none."""
+    seed = str(figures["seed"]).rjust(_SEED_WIDTH)
+    if "error" in figures:
+        return f"{seed}  failed: {figures['error']}"
+    return seed + "".join(
+        _shown(figures.get(key), scale, form).rjust(max(len(short) + 2, _LEAST_WIDTH))
+        for short, _, key, scale, form in _COLUMNS
+    )
+
+
+def summary_rows(summary: Mapping[str, object]) -> dict[str, str]:
+    """Name and value of what the summary holds."""
+    rows: dict[str, str] = {}
+    for _, name, key, scale, form in _COLUMNS:
+        spread = summary.get(key)
+        if isinstance(spread, Mapping):
+            median, worst = (_shown(spread[what], scale, form) for what in ("median", "worst"))
+            rows[name] = f"{median} median, {worst} worst"
+    nees = summary.get("nees")
+    if isinstance(nees, Mapping):
+        low, high = nees["band"]
+        rows["NEES over the seeds"] = (
+            f"{nees['mean']:.2f}, {nees['verdict']} (95 % band {low:.2f} to {high:.2f})"
+        )
+    in_map = summary.get("nees_in_map_mean")
+    if isinstance(in_map, Mapping):
+        rows["NEES within the map"] = f"{in_map['mean']:.2f} (3 expected)"
+    believed, false = summary["closures"], summary["closures_false"]
+    rows["closures"] = f"{believed} believed, {summary['closures_withdrawn']} withdrawn"
+    rows["false closures"] = f"{false} believed, {summary['closures_false_withdrawn']} withdrawn"
+    rows["revisits closed"] = f"{summary['revisits_closed']} of {summary['revisits']}"
+    rows["scans lost"] = f"{summary['scans_lost']} of {summary['scans']}"
+    rows["failed seeds"] = f"{summary['failed']} of {summary['seeds']}"
+    return rows
+
+
+def _shown(value: object, scale: float, form: str) -> str:
+    return "-" if value is None else format(scale * cast(float, value), form)

@@ -221,10 +221,8 @@ def _robustness(asked: _Asked, cases: Sequence[int], workers: int, kept: Path | 
 
 
 def _matcher(asked: _Asked, recording: Path | None, logs: Path | None) -> None:
-    from slamsim.bench.alone import Children
-    from slamsim.bench.basin import basin_rows
-    from slamsim.bench.logs import kept_or_temporary, simulated_log
-    from slamsim.bench.matcher import measure_matcher
+    from slamsim.bench.logs import Children, kept_or_temporary, simulated_log
+    from slamsim.bench.matcher import basin_rows, measure_matcher
 
     resolved = asked.or_standard().resolved_until_end("labyrinth")
     with (
@@ -273,8 +271,7 @@ def _live(asked: _Asked) -> None:
 
 
 def _peers(asked: _Asked, logs: Path | None) -> None:
-    from slamsim.bench.alone import Children
-    from slamsim.bench.logs import kept_or_temporary, simulated_log
+    from slamsim.bench.logs import Children, kept_or_temporary, simulated_log
     from slamsim.bench.peers.run import rows_shown, run_peers
 
     resolved = asked.resolved_until_end("labyrinth", SPEED_SECONDS)

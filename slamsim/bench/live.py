@@ -26,7 +26,7 @@ from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
 from slamsim.core.types import PlanarTrajectory, Trajectory
 from slamsim.evaluate.trajectory import compare
-from slamsim.io.names import LOG
+from slamsim.io import LOG
 from slamsim.io.open import open_recording
 from slamsim.live.hub import Hub
 from slamsim.live.live_map import LiveMap
@@ -35,7 +35,7 @@ from slamsim.live.loop_controls import LoopControls
 from slamsim.live.mapping import MappingProcess
 from slamsim.live.published import SLAM_TOPICS
 from slamsim.live.servers.access import Access
-from slamsim.live.servers.foxglove import start_foxglove
+from slamsim.live.servers.foxglove import FoxgloveServer
 from slamsim.run.live.world import live_config
 from slamsim.sim.robot.model import build_robot
 from slamsim.simulation.header import log_header
@@ -143,7 +143,7 @@ def _lived(
         loop = LiveLoop(setup, hub, LiveMap(process))
         controls = LoopControls(loop)
         with (
-            start_foxglove(hub, controls, Access(), 0) as server,
+            FoxgloveServer(hub, controls, Access(), 0) as server,
             _heard(server.address, loop, found),
             _idle(server.address, idle_client),
             reporter.stage(title, "× real time") as progress,

@@ -1,19 +1,27 @@
-"""Simulated logs, one per seed, made once and kept for the next run."""
+"""Simulated logs, one per seed, made once and kept for the next run; work in processes of its own,
+to measure peak memory and isolate crashes."""
 
 from __future__ import annotations
 
+import os
+import signal
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from pathlib import Path
+from types import FrameType
+from typing import NoReturn, ParamSpec, Self, TypeVar, cast
 
 from pydantic import ValidationError
 
-from slamsim.bench.alone import Children
 from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
-from slamsim.guard.errors import InputRefused
+from slamsim.guard.errors import InputRefused, SlamsimError
 from slamsim.guard.yaml import load_yaml
+from slamsim.process.children import end_with_parent
 from slamsim.run.recording import simulate_world
 from slamsim.simulation.own_files import CONFIG
 
@@ -84,3 +92,84 @@ def _first_difference(wanted: object, made: object, at: str = "") -> str | None:
                 return found
         return None
     return None if wanted == made else at
+
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+
+GRACE_S = 5.0
+"""So long a child that is told to end may take to remove what it has half written."""
+
+_STANDARD_OUTPUT = 1
+
+
+class Children:
+    """Starts processes, one for each piece of work; none outlives the ``with`` block."""
+
+    def __init__(self) -> None:
+        self._context = get_context("spawn")
+        self._running: set[BaseProcess] = set()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        running = tuple(self._running)
+        for child in running:
+            child.terminate()
+        for child in running:
+            child.join(GRACE_S)
+            child.kill()
+
+    def run(
+        self,
+        work: Callable[Arguments, Result],
+        *arguments: Arguments.args,
+        **keywords: Arguments.kwargs,
+    ) -> Result:
+        """What the work returns; may be called from several threads at a time.
+
+        work: a function of a module. Raises SlamsimError with what the work raised, or with the
+        code that its process ended with.
+        """
+        answers, out = self._context.Pipe(duplex=False)
+        child = self._context.Process(
+            target=_serve, args=(os.getpid(), out, work, arguments, keywords), daemon=True
+        )
+        child.start()
+        self._running.add(child)
+        out.close()
+        try:
+            done, answer = answers.recv()
+        except EOFError:
+            child.join()
+            raise SlamsimError(f"its process ended with code {child.exitcode}") from None
+        finally:
+            child.join()
+            self._running.discard(child)
+        if not done:
+            raise SlamsimError(str(answer))
+        return cast(Result, answer)
+
+
+def _serve(
+    parent: int,
+    out: Connection,
+    work: Callable[..., object],
+    arguments: tuple[object, ...],
+    keywords: dict[str, object],
+) -> None:
+    end_with_parent(parent)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the parent, which ends its children
+    signal.signal(signal.SIGTERM, _end)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), _STANDARD_OUTPUT)  # some libraries print
+    try:
+        out.send((True, work(*arguments, **keywords)))
+    except SlamsimError as error:
+        out.send((False, str(error)))
+    except Exception as error:
+        out.send((False, f"{type(error).__name__}: {error}"))
+
+
+def _end(number: int, frame: FrameType | None) -> NoReturn:
+    raise SystemExit(128 + number)

@@ -19,7 +19,7 @@ from slamsim.check.registry import CHECKER_ERROR, registry
 from slamsim.core.progress import Progress, silent
 from slamsim.recording import RawScans, Recording
 from slamsim.recording.choice import lidars
-from slamsim.recording.outline import outline
+from slamsim.recording.frame_graph import outline
 
 _log = logging.getLogger(__name__)
 

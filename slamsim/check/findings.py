@@ -7,7 +7,7 @@ from html import escape
 from typing import Literal
 
 from slamsim.core.types import FloatArray
-from slamsim.recording.outline import FramePlace
+from slamsim.recording.frame_graph import FramePlace
 from slamsim.recording.repairs.base import Repair
 
 Verdict = Literal["ok", "fault", "inconclusive"]

@@ -118,7 +118,7 @@ def _require_place(out: str, recipe: str) -> None:
     from slamsim.dataset.make.identity import IDENTITY, RECIPE, require_empty
     from slamsim.dataset.store.store import open_store
     from slamsim.guard.replaceable import require_apart
-    from slamsim.guard.sums import SUMS
+    from slamsim.guard.seal import SUMS
 
     store = open_store(out)
     is_dataset = not store.names("").isdisjoint((IDENTITY, SUMS))
@@ -141,7 +141,7 @@ def plan(
 ) -> None:
     """Estimate what a recipe will make, its time and its disk space."""
     from slamsim.console.reporter import Reporter
-    from slamsim.run.dataset.planning import tell_plan
+    from slamsim.run.dataset.telling import tell_plan
 
     tell_plan(recipe, count, Reporter(quiet=quiet, as_json=as_json), workers=workers)
 
@@ -167,7 +167,7 @@ def preview(
 ) -> None:
     """Draw worlds of a recipe and the routes planned through them on one contact sheet."""
     from slamsim.console.reporter import Reporter
-    from slamsim.run.dataset.planning import draw_preview
+    from slamsim.run.dataset.telling import draw_preview
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     draw_preview(recipe, count, out, reporter, overwrite=overwrite)

@@ -52,7 +52,7 @@ def fault(
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     if list_:
-        from slamsim.run.faulting import fault_facts, fault_table
+        from slamsim.run.fixing import fault_facts, fault_table
 
         reporter.table("Faults", fault_table())
         reporter.result({"faults": fault_facts()})
@@ -62,7 +62,7 @@ def fault(
     choices = typed_choices(faults)
     own = (Path(choice.name) for choice in choices if Path(choice.name).is_file())
     with output_folder(out, "", overwrite=overwrite, inputs=(source, *own)):
-        from slamsim.run.faulting import inject_faults
+        from slamsim.run.fixing import inject_faults
 
         injected, copied = inject_faults(
             source,

@@ -55,7 +55,7 @@ def identify(
         output_file(robot_file, overwrite=overwrite, inputs=read.files, beside=out) as copy,
         output_folder(out, name, overwrite=overwrite, inputs=read.files) as folder,
     ):
-        from slamsim.run.identifying import identify_and_report
+        from slamsim.run.scenario import identify_and_report
 
         identify_and_report(
             config, typed, folder, reporter, robot_file=copy, jobs=jobs, overwrite=overwrite

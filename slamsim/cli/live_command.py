@@ -170,7 +170,7 @@ def replay(
     reporter = Reporter(quiet=quiet, as_json=as_json)
     called = f"{source.resolve().parent.name}_replay"
     with output_folder(out, called, overwrite=overwrite, inputs=(source,)) as folder:
-        from slamsim.run.live.replay import replay_drive
+        from slamsim.run.live.world import replay_drive
 
         numbers = replay_drive(source, folder, reporter, overwrite=overwrite)
     reporter.say(f"Written to {folder}/")

@@ -1,4 +1,8 @@
-"""Where the walls of a world run: a maze, rooms, a drawn plan, an image or a mesh."""
+"""Where the walls of a world run (a maze, rooms, a drawn plan, an image or a mesh), and how it
+looks to cameras: materials, posters, tags, panes and lamps.
+
+Lidars measure the same whatever is said of the looks: only cameras look at them.
+"""
 
 from __future__ import annotations
 
@@ -127,3 +131,125 @@ class MeshLayout(Config):
     """Height in the file, in metres and after scaling, at which the robot's floor lies."""
     visit_spacing_m: float = Field(default=2.0, gt=0.0, le=1000.0)
     """A tour comes by one place in each square of this side, in metres."""
+
+
+TagFamily = Literal[
+    "apriltag_36h11",
+    "aruco_4x4_50",
+    "aruco_4x4_100",
+    "aruco_4x4_250",
+    "aruco_4x4_1000",
+    "aruco_5x5_50",
+    "aruco_5x5_100",
+    "aruco_5x5_250",
+    "aruco_5x5_1000",
+    "aruco_6x6_50",
+    "aruco_6x6_100",
+    "aruco_6x6_250",
+    "aruco_6x6_1000",
+    "aruco_original",
+]
+
+_OTHER_COUNTS = {"apriltag_36h11": 587, "aruco_original": 1024}
+
+
+def tags_in(family: TagFamily) -> int:
+    """Different tags that a family has, as ``cv2.aruco`` knows them."""
+    return _OTHER_COUNTS.get(family) or int(family.rpartition("_")[2])
+
+
+Count = Annotated[int, Field(ge=0, le=1000)]
+
+
+class TagsConfig(Config):
+    """Square marks on walls that cameras recognise, each with its own number."""
+
+    count: Count = 0
+    """How many hang on walls beside free floor; those that find no room are left out."""
+    family: TagFamily = "apriltag_36h11"
+    """Which marks: AprilTag 36h11, or a dictionary of ArUco."""
+    first_id: int = Field(default=0, ge=0, le=1023)
+    """Number of the first tag; the next ones count up."""
+    size_m: SizeRange = (0.16, 0.16)
+    """Smallest and largest side of the black square, in metres, without the white border around."""
+    height_m: SizeRange = (0.25, 0.7)
+    """Lowest and highest middle above the floor, in metres."""
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        there = tags_in(self.family)
+        if self.first_id + self.count > there:
+            raise ValueError(
+                f"{self.count} tags from first_id {self.first_id} are more than the {there} of "
+                f"{self.family}"
+            )
+        return self
+
+
+class PostersConfig(Config):
+    """Printed sheets on walls: what makes places look different from each other."""
+
+    count: Count = 24
+    """How many hang on walls beside free floor, times ``texture``; those that find no room are
+    left out."""
+    size_m: SizeRange = (0.3, 0.7)
+    """Smallest and largest width, in metres; sheets are up to 1.4 times as high, or as low."""
+    height_m: SizeRange = (0.3, 1.4)
+    """Lowest and highest middle above the floor, in metres."""
+
+
+class PanesConfig(Config):
+    """Sheets of glass and mirrors on walls, the hard cases of cameras.
+
+    They hang flat on the wall's mesh, so that no lidar sees them.
+    """
+
+    glass: Count = 0
+    """How many panes of glass, behind which the wall is dark."""
+    mirrors: Count = 0
+    """How many mirrors."""
+    size_m: SizeRange = (0.4, 0.9)
+    """Smallest and largest side, in metres."""
+
+
+class LampsConfig(Config):
+    """Lamps above free floor, and the light that comes from everywhere."""
+
+    spacing_m: float = Field(default=3.5, ge=0.5, le=100.0)
+    """Smallest distance between two lamps, in metres; there are as many as then find room."""
+    height_m: float = Field(default=2.6, ge=0.2, le=50.0)
+    """Height above the floor, in metres."""
+    reach_m: float = Field(default=6.0, ge=0.5, le=200.0)
+    """From here on a lamp gives no light, in metres; it fades smoothly until there."""
+    brightness: float = Field(default=0.8, ge=0.0, le=100.0)
+    """Light of one lamp on the floor right below it; 1 makes a white surface as bright as 1."""
+    ambient: float = Field(default=0.25, ge=0.0, le=100.0)
+    """Light from everywhere, in the same unit: what shadows are lit by."""
+    shadowing: int = Field(default=4, ge=1, le=16)
+    """Each point is lit by so many lamps at most, those that light it best."""
+
+
+Family = Literal["mixed", "office", "workshop", "bricks", "home"]
+Split = Literal["train", "test"]
+
+
+class LooksConfig(Config):
+    """How the world looks to cameras."""
+
+    family: Family = "mixed"
+    """Materials of walls, floor and clutter: office (paint, plaster, linoleum), workshop
+    (concrete), bricks (masonry, tiles), home (wood, fabric), or mixed: each surface of any."""
+    split: Split = "train"
+    """train or test: no texture, colour or poster of the one is ever in the other."""
+    texture: Share = 1.0
+    """From 0 (all is painted in one colour, and no poster hangs) to 1 (full contrast)."""
+    seed: int | None = Field(default=None, ge=0, lt=2**63)
+    """Seed of the looks alone; without one, the seed of the world."""
+    posters: PostersConfig = PostersConfig()
+    """Printed sheets on walls."""
+    tags: TagsConfig = TagsConfig()
+    """Marks on walls that cameras recognise."""
+    panes: PanesConfig = PanesConfig()
+    """Glass and mirrors."""
+    lamps: LampsConfig = LampsConfig()
+    """Light."""

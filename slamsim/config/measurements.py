@@ -12,9 +12,7 @@ from slamsim.config.bundled import Kind, find_input
 from slamsim.config.layers import mount
 from slamsim.config.loading import overridden, validated, with_presets
 from slamsim.config.robot import RobotConfig
-from slamsim.config.scenarios.basic_drive import StraightScript
-from slamsim.config.scenarios.defaults import SCENARIO_ROBOT
-from slamsim.config.scenarios.umbmark import SquareScript
+from slamsim.config.scenarios.robots import SCENARIO_ROBOT, SquareScript, StraightScript
 from slamsim.guard.yaml import KeyPath, load_yaml
 
 _SECTIONS: dict[KeyPath, Kind] = {("robot",): "configs/robots"}

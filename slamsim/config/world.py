@@ -15,6 +15,7 @@ from pydantic import AfterValidator, Field, model_validator
 from slamsim.config.base import Config
 from slamsim.config.layout import (
     ImageLayout,
+    LooksConfig,
     MazeLayout,
     MeshLayout,
     PlanLayout,
@@ -24,7 +25,6 @@ from slamsim.config.layout import (
     SizeRange,
     ascending,
 )
-from slamsim.config.looks import LooksConfig
 
 ClutterShape = Literal["box", "cylinder", "table", "chair", "l_shape", "panel"]
 LAYOUTS = ("maze", "rooms", "plan", "image", "mesh")

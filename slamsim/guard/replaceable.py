@@ -15,8 +15,7 @@ from pathlib import Path
 
 from slamsim.guard.errors import DataDamaged, NotFound, OutputRefused, SlamsimError, shown
 from slamsim.guard.lock import staging_of
-from slamsim.guard.seal import WRITTEN_BY_US, seal_in, seal_over
-from slamsim.guard.sums import SEQUENCE, SUMS
+from slamsim.guard.seal import SEQUENCE, SUMS, WRITTEN_BY_US, seal_in, seal_over
 
 _MOST_NAMED = 3
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+:/")

@@ -8,9 +8,9 @@ from pathlib import Path
 from slamsim.core.types import Log, Trajectory
 from slamsim.guard.errors import InputRefused, NotFound, OverrideRefused
 from slamsim.guard.files import own_file
+from slamsim.io import LOG, TABLES
 from slamsim.io.formats import Contents, Format, Survey, Truth, formats
 from slamsim.io.input_errors import as_input_errors, damaged
-from slamsim.io.names import LOG, TABLES
 from slamsim.io.selection import EVERYTHING, Selection, selected
 from slamsim.recording import Recording
 from slamsim.recording.choice import clouds_to_read

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+import logging
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from threading import Lock
 
-from slamsim.io.bag2.folder import TopicKind
+from slamsim.io.bag2.writer import TopicKind
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,3 +71,23 @@ class Hub:
                 self._listeners = tuple(one for one in self._listeners if one is not listener)
 
         return leave
+
+
+_log = logging.getLogger(__name__)
+
+
+class Undrawn:
+    """Told once for each topic, and left out."""
+
+    def __init__(self) -> None:
+        self._topics = set[str]()
+
+    @contextmanager
+    def told(self, message: Message) -> Iterator[None]:
+        """Around what draws the message."""
+        try:
+            yield
+        except Exception as error:  # of many types, for damage of any kind
+            if message.topic.name not in self._topics:
+                _log.warning("messages on %s cannot be shown: %s", message.topic.name, error)
+            self._topics.add(message.topic.name)

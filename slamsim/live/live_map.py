@@ -12,8 +12,8 @@ from slamsim.core.geometry import compose, inverse
 from slamsim.core.types import FloatArray, Grid, PlanarTrajectory
 from slamsim.guard.output import partial_folder, write_atomic
 from slamsim.live.controls import Status, Tracking
+from slamsim.live.drivers import require_map
 from slamsim.live.mapping import Begin, MapNews, MappingProcess, Placed
-from slamsim.live.navigate import require_map
 from slamsim.live.published import DIAGNOSTICS, MAP, PATH, SlamMessages
 from slamsim.live.slam_feed import Arrived
 from slamsim.recording import RawOdometry, RawScans

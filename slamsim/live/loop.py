@@ -8,14 +8,12 @@ from pathlib import Path
 
 from slamsim.config.run import RunConfig
 from slamsim.core.types import FloatArray
-from slamsim.live.calls import Calls
-from slamsim.live.controls import Mode, Status
-from slamsim.live.delivery import Delivery
+from slamsim.live.controls import Calls, Mode, Status
+from slamsim.live.delivery import Delivery, Pace
 from slamsim.live.drivers import ManualDriver
 from slamsim.live.hub import Hub
 from slamsim.live.live_map import LiveMap
 from slamsim.live.mapping import Begin
-from slamsim.live.pace import Pace
 from slamsim.live.recording import DriveRecording
 from slamsim.live.robot import LiveRobot, Window
 from slamsim.live.steering import Steering

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from slamsim.core.types import FloatArray, Grid
-from slamsim.io.bag2.folder import TopicKind
-from slamsim.io.ros.standard_types import ros2_types
+from slamsim.io.bag2.writer import TopicKind
+from slamsim.io.ros.message_types import ros2_types
 from slamsim.recording.schemas import TRANSFORMS
 
 MAP, PATH, DIAGNOSTICS = "/map", "/path", "/slamsim/diagnostics"

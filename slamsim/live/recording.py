@@ -19,8 +19,8 @@ from slamsim.core.types import Trajectory
 from slamsim.guard.errors import InputRefused
 from slamsim.guard.files import own_file
 from slamsim.guard.output import discard, partial_folder, write_atomic
-from slamsim.guard.text import open_lines
-from slamsim.io.names import LOG
+from slamsim.guard.unpacking import open_lines
+from slamsim.io import LOG
 from slamsim.io.ros.encoding import stream_messages
 from slamsim.io.text.tum import write_tum
 from slamsim.live.robot import LiveRobot, Window

@@ -15,15 +15,14 @@ from slamsim.sensors.readings import Readings
 from slamsim.sensors.rig import SensorRig
 from slamsim.sim.drive.drive_loop import BasePose, Decision, DriveLoop, touching
 from slamsim.sim.drive.follow import Twist
-from slamsim.sim.drive.pilot import STANDING, limited
-from slamsim.sim.drive.supervise import upset
+from slamsim.sim.drive.pilot import STANDING, limited, upset
 from slamsim.sim.engine import running_engine
-from slamsim.sim.floor import Floor
+from slamsim.sim.ground import Floor
 from slamsim.sim.robot.model import RobotModel
-from slamsim.simulation.appearance import appearance_of
 from slamsim.simulation.header import LogHeader
 from slamsim.simulation.log_writer import said_once_left_out
 from slamsim.simulation.recorder import DriveRecorder, Part
+from slamsim.simulation.simulate import appearance_of
 from slamsim.world.model import World
 
 

@@ -12,18 +12,19 @@ import numpy as np
 from slamsim.config.run import RunConfig
 from slamsim.core.types import FloatArray, Grid
 from slamsim.live.controls import Goal, Mode
-from slamsim.live.drivers import ManualDriver, RouteDriver
-from slamsim.live.live_map import LiveMap
-from slamsim.live.navigate import (
+from slamsim.live.drivers import (
+    ManualDriver,
+    RouteDriver,
     borders_on_unknown,
     require_map,
     route_end_m,
     route_to,
     route_to_frontier,
 )
+from slamsim.live.live_map import LiveMap
 from slamsim.live.robot import Driver
+from slamsim.sim.drive.pilot import BACKING_M_S
 from slamsim.sim.drive.route import Route, plan_route, room_needed_m
-from slamsim.sim.drive.supervise import BACKING_M_S
 from slamsim.sim.robot.model import RobotModel
 from slamsim.world.model import World
 

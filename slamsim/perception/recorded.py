@@ -33,7 +33,7 @@ from slamsim.perception.planar import planar_observation, planar_tag
 from slamsim.perception.tag_families import TagKind, parse_tags
 from slamsim.perception.tags import TagDetector, linear_light
 from slamsim.recording import Recording
-from slamsim.recording.mountings import base_frame_of, known_mounting, tree_of
+from slamsim.recording.frames import base_frame_of, known_mounting, tree_of
 
 _log = logging.getLogger(__name__)
 

@@ -17,8 +17,7 @@ from slamsim.recording import (
     RecordedTopic,
     Recording,
 )
-from slamsim.recording.frames import FrameTree
-from slamsim.recording.mountings import in_one_place, odometry_chain
+from slamsim.recording.frames import FrameTree, in_one_place, odometry_chain
 
 _FUSED = re.compile(r"filter|[eu]kf|fus(ed|ion)|locali[sz]", re.IGNORECASE)
 """In the usual topic names of estimators that merge wheels and gyroscope (robot_localization)."""

@@ -21,7 +21,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.type_support import check_is_valid_msg_type
 
 from slamsim.guard.errors import reason_of
-from slamsim.io.bag2.folder import TopicKind
+from slamsim.io.bag2.writer import TopicKind
 from slamsim.live.hub import Message
 from slamsim.live.published import SLAM_TOPICS
 from slamsim.live.sources.source import Inbox, Notices, Tell

@@ -27,7 +27,7 @@ class Earlier:
 
     def unjoined(self, saved: SavedMap, result: SlamResult, log: Log) -> str:
         """What to tell of a drive that shares nothing with the earlier ones, else nothing."""
-        if _is_joined(saved, result):
+        if len(saved) > len(result.graph.keyframes):  # joined
             return ""
         return (
             f"nothing of {self.run} was recognised: the two maps are not joined, and this folder "
@@ -93,7 +93,3 @@ def clouds_before(saved: SavedMap, result: SlamResult) -> Iterator[tuple[Cloud, 
         origins = np.repeat(keyframe.origin_m[None], len(ends), axis=0)
         hit = np.ones(len(ends), dtype=np.bool_)
         yield Cloud(keyframe.stamp_ns, ends, origins, hit), T_map_base
-
-
-def _is_joined(saved: SavedMap, result: SlamResult) -> bool:
-    return len(saved) > len(result.graph.keyframes)

@@ -9,7 +9,7 @@ from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
 from slamsim.core.types import Log
 from slamsim.guard.output import partial_folder, write_atomic
-from slamsim.io.names import LOG
+from slamsim.io import LOG
 from slamsim.io.open import read_log, read_recording
 from slamsim.io.text.tum import read_tum
 from slamsim.report.pages.demo import MappedSide, demo_page

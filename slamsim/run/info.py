@@ -15,8 +15,7 @@ from slamsim.io.open import survey_recording
 from slamsim.io.selection import EVERYTHING, Selection
 from slamsim.recording import RawScans, Recording
 from slamsim.recording.choice import Choice, choices, in_words, topics_of, without_scans
-from slamsim.recording.frame_graph import FrameGraph
-from slamsim.recording.outline import FramePlace, drawn, outline
+from slamsim.recording.frame_graph import FrameGraph, FramePlace, drawn, outline
 from slamsim.report.figures.frames import write_frames
 from slamsim.run.cameras.listing import tell_images
 from slamsim.run.naming import log_of

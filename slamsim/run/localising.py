@@ -22,8 +22,7 @@ from slamsim.guard.numbers import as_json
 from slamsim.guard.output import partial_folder, write_atomic
 from slamsim.io.open import open_recording
 from slamsim.io.selection import EVERYTHING, Selection
-from slamsim.io.text.stamps import decimal_from_stamp_ns
-from slamsim.io.text.tum import read_tum, write_tum
+from slamsim.io.text.tum import decimal_from_stamp_ns, read_tum, write_tum
 from slamsim.process.children import MEMORY
 from slamsim.report.pages.run import write_report
 from slamsim.report.run_view import RunView

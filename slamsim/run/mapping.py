@@ -21,16 +21,14 @@ from slamsim.guard.errors import SlamsimError
 from slamsim.guard.files import own_file
 from slamsim.guard.numbers import as_json
 from slamsim.guard.output import partial_folder, write_atomic
-from slamsim.io.names import LOG
+from slamsim.io import LOG
 from slamsim.io.open import open_recording
 from slamsim.io.selection import EVERYTHING, Selection
 from slamsim.io.text.relations import Relations, read_relations
-from slamsim.process.children import MEMORY
-from slamsim.process.memory import return_freed_memory
+from slamsim.process.children import MEMORY, return_freed_memory
 from slamsim.recording import Recording
-from slamsim.report.numbers import path_length_m, report_json
 from slamsim.report.pages.run import write_report
-from slamsim.report.run_view import RunView
+from slamsim.report.run_view import RunView, path_length_m, report_json
 from slamsim.report.viewer.run import write_recording
 from slamsim.run import folder as run_folder
 from slamsim.run.cameras import layers as run_layers
@@ -44,9 +42,8 @@ from slamsim.run.checking import check_stage
 from slamsim.run.continuing import Earlier, clouds_before
 from slamsim.run.naming import log_of, recording_name
 from slamsim.run.recording import record, require_finished
-from slamsim.run.scoring import Estimated, Known, score
+from slamsim.run.scoring import Estimated, Known, score, verdict, weighed
 from slamsim.run.stages import Report, Stages
-from slamsim.run.verdict import verdict, weighed
 from slamsim.simulation.own_files import CONFIG, WORLD, write_config, write_world
 from slamsim.slam.failures import Failures
 from slamsim.slam.mapping.grid import build_grid

@@ -17,7 +17,7 @@ from slamsim.guard.files import noted_inputs, own_file
 from slamsim.guard.output import claimed_folder, partial_file, put_away_remains
 from slamsim.guard.replaceable import require_apart
 from slamsim.guard.unpacking import PACKINGS
-from slamsim.io.names import LOG, TABLES
+from slamsim.io import LOG, TABLES
 
 if TYPE_CHECKING:
     from slamsim.config.base import Config

@@ -10,7 +10,7 @@ from slamsim.console.reporter import Reporter
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.output import partial_folder, write_atomic
 from slamsim.guard.quantities import as_number, as_time
-from slamsim.io.names import LOG
+from slamsim.io import LOG
 from slamsim.io.open import read_truth
 from slamsim.process.children import MEMORY
 from slamsim.run import folder as run_folder
@@ -22,7 +22,7 @@ from slamsim.simulation.driven import simulate_with_faults
 from slamsim.simulation.own_files import write_config, write_world
 from slamsim.simulation.simulate import Simulation, simulate
 from slamsim.world.build import build_world
-from slamsim.world.export import stl_bytes, world_facts
+from slamsim.world.model import stl_bytes, world_facts
 from slamsim.world.preview import preview_png
 
 

@@ -12,8 +12,16 @@ from slamsim.core.progress import Progress, silent
 from slamsim.guard.errors import DataDamaged, InputRefused, NotFound
 from slamsim.guard.files import leads_outside
 from slamsim.guard.quantities import as_size
-from slamsim.guard.seal import WRITTEN_BY_US, Seal, digest, files_in, is_within, seal_in, seal_over
-from slamsim.guard.sums import SUMS
+from slamsim.guard.seal import (
+    SUMS,
+    WRITTEN_BY_US,
+    Seal,
+    digest,
+    files_in,
+    is_within,
+    seal_in,
+    seal_over,
+)
 
 _READ_TOGETHER = 4
 _MOST_TOLD = 20

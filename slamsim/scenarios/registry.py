@@ -18,7 +18,9 @@ ALL = "all"
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """name: as it is typed. asks: what the scenario asks, in one line. settings: its model."""
+    """name: as it is typed. asks: what the scenario asks, in one line. settings: its model,
+    below ``slamsim.config.scenarios``.
+    """
 
     name: str
     asks: str
@@ -35,15 +37,10 @@ class Entry:
         apart = self.name in ("umbmark", "slam")
         return f"{self.key}.scenario" if apart else f"physics.{self.key}"
 
-    @property
-    def settings_module(self) -> str:
-        return "slam_case" if self.name == "slam" else self.key
-
     def config_type(self) -> type[Config]:
         """The model of its parameters."""
-        found: type[Config] = getattr(
-            import_module(f"slamsim.config.scenarios.{self.settings_module}"), self.settings
-        )
+        module, model = self.settings.split(".")
+        found: type[Config] = getattr(import_module(f"slamsim.config.scenarios.{module}"), model)
         return found
 
     def scenario(self) -> Scenario[Any]:
@@ -53,15 +50,25 @@ class Entry:
 
 
 ENTRIES = (
-    Entry("stacking", "how many boxes stand on one another at which time step", "StackingConfig"),
-    Entry("collision", "how deep bodies sink into each other", "CollisionConfig"),
-    Entry("integrator", "how far a free fall is from theory", "IntegratorConfig"),
-    Entry("mu-split", "one wheel on a slippery floor", "MuSplitConfig"),
-    Entry("ramp", "up a slope, until wheels slip or the robot tips over", "RampConfig"),
-    Entry("friction-turn", "a heavy box at 20° turns the robot", "FrictionTurnConfig"),
-    Entry("basic-drive", "forth and back, and where it stops", "BasicDriveConfig"),
-    Entry("umbmark", "squares in both directions: odometry judged and corrected", "UmbmarkConfig"),
-    Entry("slam", "a labyrinth mapped, with what went wrong in the study", "SlamCaseConfig"),
+    Entry(
+        "stacking",
+        "how many boxes stand on one another at which time step",
+        "bodies.StackingConfig",
+    ),
+    Entry("collision", "how deep bodies sink into each other", "bodies.CollisionConfig"),
+    Entry("integrator", "how far a free fall is from theory", "bodies.IntegratorConfig"),
+    Entry("mu-split", "one wheel on a slippery floor", "robots.MuSplitConfig"),
+    Entry("ramp", "up a slope, until wheels slip or the robot tips over", "robots.RampConfig"),
+    Entry("friction-turn", "a heavy box at 20° turns the robot", "robots.FrictionTurnConfig"),
+    Entry("basic-drive", "forth and back, and where it stops", "robots.BasicDriveConfig"),
+    Entry(
+        "umbmark",
+        "squares in both directions: odometry judged and corrected",
+        "robots.UmbmarkConfig",
+    ),
+    Entry(
+        "slam", "a labyrinth mapped, with what went wrong in the study", "slam_case.SlamCaseConfig"
+    ),
 )
 
 

@@ -11,8 +11,7 @@ from slamsim.guard.numbers import require_rigid
 from slamsim.sensors import effects
 from slamsim.sensors.base import Site
 from slamsim.sensors.clock import StreamClock
-from slamsim.sensors.motion import Motion, PoseOverride, PoseSamples, as_mounted
-from slamsim.sensors.rays import beam_rays
+from slamsim.sensors.motion import Motion, PoseOverride, PoseSamples, as_mounted, beam_rays
 from slamsim.sensors.readings import BeamTruth, ScanBatch
 from slamsim.sensors.scene import Hits, Scene
 

@@ -19,7 +19,7 @@ from slamsim.guard.numbers import (
     require_finite,
     require_number,
 )
-from slamsim.sensors.rays import cosines_of_incidence
+from slamsim.sensors.motion import cosines_of_incidence
 
 NOTHING = -1
 NO_TRIANGLE = 0xFFFFFFFF

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.config.scenarios.solver import SolverConfig
+from slamsim.config.scenarios.bodies import SolverConfig
 from slamsim.core.geometry import matrix_from_xyzw
 from slamsim.core.types import GRAVITY_M_S2, FloatArray
 from slamsim.guard.errors import SlamsimError

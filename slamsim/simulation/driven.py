@@ -15,19 +15,18 @@ from slamsim.guard.errors import SlamsimError
 from slamsim.io.cameras.survey import with_cameras
 from slamsim.io.copy.rewrite import rewrite_recording
 from slamsim.recording import Recording
-from slamsim.sensors.faults.apply import declared, faulty_sensors
 from slamsim.sensors.faults.base import Fault, SensedFault
 from slamsim.sensors.faults.cameras import CameraFault
+from slamsim.sensors.faults.registry import declared, faulty_sensors
 from slamsim.sensors.readings import Readings
 from slamsim.sensors.rig import SensorRig
 from slamsim.sim.drive.process import DriveProcess
 from slamsim.sim.drive.route import plan_route
 from slamsim.sim.robot.model import build_robot
-from slamsim.simulation.appearance import appearance_of
 from slamsim.simulation.header import LogHeader, log_header
 from slamsim.simulation.log_writer import LogWriter
 from slamsim.simulation.recorder import DriveRecorder, true_trajectory
-from slamsim.simulation.simulate import Simulation
+from slamsim.simulation.simulate import Simulation, appearance_of
 from slamsim.world.build import build_world
 
 

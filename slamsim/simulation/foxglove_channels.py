@@ -8,7 +8,7 @@ from threading import Lock
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from slamsim.io.bag2.folder import TopicKind
+    from slamsim.io.bag2.writer import TopicKind
 
 
 class FoxgloveChannels:
@@ -49,7 +49,7 @@ class FoxgloveChannels:
     def _channel(self, topic: TopicKind) -> Any:
         import foxglove
 
-        from slamsim.io.bag2.folder import described
+        from slamsim.io.bag2.writer import described
 
         text = described(topic.type_name)[1]
         schema = ros2_schema(topic.type_name, text)

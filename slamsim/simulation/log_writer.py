@@ -10,8 +10,7 @@ from typing import Any, Protocol
 
 from slamsim.config.streams import SinkEntry
 from slamsim.core.types import Drive
-from slamsim.io.bag2.folder import TopicKind
-from slamsim.io.bag2.growing import GrowingBag
+from slamsim.io.bag2.writer import GrowingBag, TopicKind
 from slamsim.io.ros.encoding import Outgoing, outgoing, stream_messages
 from slamsim.io.staged_writer import StagedWriter
 from slamsim.recording import Recording

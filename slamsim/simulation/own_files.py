@@ -29,7 +29,7 @@ from slamsim.guard.urdf import read_urdf
 from slamsim.sensors.faults.registry import load_fault
 from slamsim.sim.drive.route_file import read_route
 from slamsim.world.looks.build import build_looks
-from slamsim.world.looks.tags_file import tags_yaml
+from slamsim.world.looks.tags import tags_yaml
 from slamsim.world.map_server import read_cells
 from slamsim.world.model import World
 

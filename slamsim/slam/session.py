@@ -17,7 +17,7 @@ from slamsim.core.result import Calibrated, Event, MapGraph, SlamResult
 from slamsim.core.types import FloatArray, Log, PlanarTrajectory, Scan
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.numbers import require_finite, require_mount, solving
-from slamsim.process.memory import return_freed_memory
+from slamsim.process.children import return_freed_memory
 from slamsim.slam.backend.surface_information import MapInformation
 from slamsim.slam.failures import Failures
 from slamsim.slam.frontend.keyframes import ABOUT_THERE, ANYWHERE, Before, Keyframe, KeyframeMaker

@@ -17,14 +17,12 @@ from slamsim.guard.errors import InputRefused, SlamsimError
 from slamsim.world.clutter import place_clutter
 from slamsim.world.drawing import read_drawing
 from slamsim.world.floor_plan import FloorPlan, grow_maze, grow_rooms, unreachable_cells
-from slamsim.world.from_image import image_prisms
-from slamsim.world.from_mesh import read_mesh
-from slamsim.world.mesh_solids import MeshSolids
+from slamsim.world.map_server import image_prisms
+from slamsim.world.mesh_solids import MeshSolids, read_mesh
 from slamsim.world.model import BODY_HIGH_M, BODY_LOW_M, Bounds, FloorPatch, World
 from slamsim.world.parts import Parts, parts_of
-from slamsim.world.prism import Prism, merge_prisms, polygons_of, prism_mesh
+from slamsim.world.prism import Prism, PrismSolids, Solids, merge_prisms, polygons_of, prism_mesh
 from slamsim.world.reachable_space import coarsest_m, find_room, given_start
-from slamsim.world.solids import PrismSolids, Solids
 from slamsim.world.wall_segments import check_fit, lay_panels, reserve_ways
 from slamsim.world.walls import build_walls
 

@@ -1,15 +1,21 @@
-"""Sections and shadows of any triangle mesh, closed or open."""
+"""Solids from a triangle mesh file, closed or open: its sections and shadows."""
 
 from __future__ import annotations
+
+import warnings
+from pathlib import Path
 
 import numpy as np
 import shapely
 
+from slamsim.config.layout import MeshLayout
 from slamsim.core.components import components
 from slamsim.core.types import BoolArray, FloatArray, IntArray, TriangleMesh
-from slamsim.world.prism import polygons_of
+from slamsim.guard.errors import InputRefused
+from slamsim.guard.mesh import check_mesh
+from slamsim.guard.mesh_file import check_mesh_file
+from slamsim.world.prism import outline, polygons_of
 from slamsim.world.raster import TOUCH_M
-from slamsim.world.solids import outline
 
 _STRIP_M = 3.0 * TOUCH_M
 
@@ -158,3 +164,30 @@ def _clipped(corners: FloatArray, low_m: float, high_m: float) -> tuple[IntArray
             owners.append(crossing)
             points.append(a[:, :2] + fraction[:, None] * (b[:, :2] - a[:, :2]))
     return np.concatenate(owners), np.concatenate(points)
+
+
+def read_mesh(layout: MeshLayout) -> TriangleMesh:
+    """The file's triangles in metres, z up, the floor at z = 0.
+
+    Raises NotFound, or InputRefused for a file that is damaged, empty or lies under the floor.
+    """
+    path = Path(layout.file)
+    check_mesh_file(path)
+    import trimesh
+
+    try:
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of numbers that are not finite, which are refused
+            loaded = trimesh.load_scene(path, process=False, skip_materials=True).to_mesh()
+    except Exception as error:  # trimesh raises whatever a damaged file makes its parsers raise
+        raise InputRefused(path, f"cannot be read as a mesh ({error!r:.200})") from None
+    vertices = np.array(loaded.vertices, dtype=np.float64) * layout.scale
+    triangles = np.array(loaded.faces, dtype=np.int64)
+    check_mesh(vertices, triangles, path)
+    if layout.up == "y" or (layout.up == "auto" and path.suffix.lower() == ".glb"):
+        vertices = np.column_stack([vertices[:, 0], -vertices[:, 2], vertices[:, 1]])
+    vertices[:, 2] -= layout.floor_m
+    if vertices[:, 2].max() <= 0.0:
+        top = vertices[:, 2].max()
+        raise InputRefused(path, f"ends {-top:g} m below the floor (mesh.floor_m, mesh.up)")
+    return TriangleMesh(vertices, triangles.astype(np.int32))

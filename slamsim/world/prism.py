@@ -1,11 +1,11 @@
-"""Solids with a flat bottom and top, from which worlds are built."""
+"""Solids with a flat bottom and top, from which worlds are built, and all solids of a world."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import shapely
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from shapely import Polygon
 
 from slamsim.core.geometry import transform_points
-from slamsim.core.types import FloatArray, IntArray, TriangleMesh
+from slamsim.core.types import FloatArray, TriangleMesh
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.numbers import BadNumbers, require_finite, require_number
 
@@ -138,10 +138,11 @@ def _surface(prism: Prism) -> tuple[FloatArray, FloatArray]:
     bottom = np.column_stack([flat, np.full(n, prism.z_min_m)])
     top = np.column_stack([flat + np.asarray(prism.lean_m), np.full(n, prism.z_max_m)])
     first = np.arange(n)
+    starts = np.cumsum([0, *(len(ring) for ring in rings[:-1])])
     following = np.concatenate(
         [
             start + np.roll(np.arange(len(ring)), -1)
-            for ring, start in zip(rings, _starts(rings), strict=True)
+            for ring, start in zip(rings, starts, strict=True)
         ]
     )
     sides = np.concatenate(
@@ -152,10 +153,6 @@ def _surface(prism: Prism) -> tuple[FloatArray, FloatArray]:
     )
     lid = _triangulated(prism.footprint, flat)
     return np.concatenate([bottom, top]), np.concatenate([sides, lid[:, ::-1], lid + n])
-
-
-def _starts(rings: list[FloatArray]) -> IntArray:
-    return np.cumsum([0, *(len(ring) for ring in rings[:-1])])
 
 
 def _triangulated(polygon: Polygon, corners: FloatArray) -> FloatArray:
@@ -183,3 +180,35 @@ def _pieces(polygon: Polygon) -> NDArray[Any]:
             return np.asarray(shapely.get_parts(_mirrored(pieces, turn)))
     corners = shapely.get_num_coordinates(polygon)
     raise SlamsimError(f"an outline of {corners} corners cannot be divided into triangles")
+
+
+class Solids(Protocol):
+    """Outlines are directed segments (n, 2, 2) in the map frame with the solid on the left."""
+
+    def section(self, height_m: float) -> FloatArray:
+        """The outline of what a horizontal plane cuts."""
+        ...
+
+    def shadow(self, low_m: float, high_m: float) -> FloatArray:
+        """The outline of the ground below whatever lies between two heights."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PrismSolids:
+    """Solids made of prisms; they may overlap."""
+
+    prisms: Sequence[Prism]
+
+    def section(self, height_m: float) -> FloatArray:
+        return outline(prism.section(height_m) for prism in self.prisms)
+
+    def shadow(self, low_m: float, high_m: float) -> FloatArray:
+        return outline(prism.shadow(low_m, high_m) for prism in self.prisms)
+
+
+def outline(polygons: Iterable[Polygon]) -> FloatArray:
+    """The borders of polygons as directed segments."""
+    rings = [ring for polygon in polygons for ring in oriented_rings(polygon)]
+    pieces = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings]
+    return np.concatenate([np.zeros((0, 2, 2)), *pieces])

@@ -12,8 +12,8 @@ from slamsim.config.world import StartConfig
 from slamsim.core.types import BoolArray, FloatArray
 from slamsim.guard.errors import SlamsimError
 from slamsim.world.model import BODY_HIGH_M, BODY_LOW_M, Bounds
+from slamsim.world.prism import Solids
 from slamsim.world.raster import Raster, rasterise
-from slamsim.world.solids import Solids
 
 _MAX_CELLS = 8_000_000
 

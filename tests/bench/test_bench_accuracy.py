@@ -10,9 +10,16 @@ import numpy as np
 import pytest
 from bench_work import work
 
-from slamsim.bench.accuracy import COUNTED, AccuracyCampaign, run_accuracy, summarise
-from slamsim.bench.alone import Children
-from slamsim.bench.tables import SEED_HEADER, seed_line, summary_rows
+from slamsim.bench.accuracy import (
+    COUNTED,
+    SEED_HEADER,
+    AccuracyCampaign,
+    run_accuracy,
+    seed_line,
+    summarise,
+    summary_rows,
+)
+from slamsim.bench.logs import Children
 from slamsim.bench.truth import false_closures, revisits_closed
 from slamsim.config.loading import load_run_config
 from slamsim.console.reporter import Reporter

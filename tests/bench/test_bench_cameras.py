@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from slamsim.bench.cameras.flow import flow_error_px
-from slamsim.bench.cameras.hall import TAGS, ate_m, hall, mapped
+from slamsim.bench.cameras.command import flow_error_px
+from slamsim.bench.cameras.tags import TAGS, ate_m, hall, mapped
 
 
 def test_flow_is_within_a_hundredth_of_a_pixel_of_homographies() -> None:

@@ -11,14 +11,16 @@ import numpy as np
 import pytest
 
 from slamsim.bench.check.campaign import CheckCampaign, random_scenario, run_campaign, run_seed
-from slamsim.bench.check.outcome import CheckOutcome, Measured, outcome_of
-from slamsim.bench.check.summary import coverage, run_line, summarise, summary_tables
-from slamsim.bench.check.trials import (
+from slamsim.bench.check.outcome import (
+    CheckOutcome,
+    Measured,
     clean_trial,
     curve_trials,
     fault_trials,
+    outcome_of,
     pair_trials,
 )
+from slamsim.bench.check.summary import coverage, run_line, summarise, summary_tables
 from slamsim.bench.check.truth import truths
 from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter

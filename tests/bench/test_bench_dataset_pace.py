@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from slamsim.bench import dataset
 from slamsim.bench.command import bench
-from slamsim.bench.dataset_pace import Made, Pace, settled_pace
+from slamsim.bench.dataset import Made, Pace, settled_pace
 from slamsim.guard.errors import SlamsimError
 
 workers = st.lists(

@@ -9,15 +9,15 @@ import pytest
 from simulated import box, simulate
 
 from slamsim.bench import matcher as bench_matcher
-from slamsim.bench.basin import (
+from slamsim.bench.matcher import (
     DISTANCES_M,
     HOME_M,
     TURNS_DEG,
     Basin,
     basin_rows,
+    measure_matcher,
     random_offsets,
 )
-from slamsim.bench.matcher import measure_matcher
 from slamsim.config.slam import SlamConfig
 from slamsim.core.types import Trajectory
 

@@ -11,8 +11,7 @@ import pytest
 from simulated import SLOW_HOKUYO, ScanList, box, drive, noisy_wheels, sense_scans, true_ranges
 
 from slamsim.bench.peers import run as peers_run
-from slamsim.bench.peers.base import band_points
-from slamsim.bench.peers.entries import ENTRIES, PeerEntry
+from slamsim.bench.peers.base import ENTRIES, PeerEntry, band_points
 from slamsim.bench.peers.run import handed_scans, rows_shown, run_peers
 from slamsim.config.slam import SlamConfig
 from slamsim.console.reporter import Reporter

@@ -19,11 +19,11 @@ from slamsim.io.cameras import open_cameras
 from slamsim.io.open import read_log
 from slamsim.sensors.rig import SensorRig
 from slamsim.sim.robot.model import build_robot
-from slamsim.simulation.appearance import appearance_of, in_pieces
 from slamsim.simulation.header import log_header
 from slamsim.simulation.log_writer import LogWriter
+from slamsim.simulation.simulate import appearance_of, in_pieces
 from slamsim.world.build import build_world
-from slamsim.world.looks.materials import MATERIALS
+from slamsim.world.looks.finishes import MATERIALS
 
 DRIVE = drive_along(1.0, 240.0, 0.3, 0.5, 0.3)
 IMAGERS = {

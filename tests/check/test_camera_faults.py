@@ -24,7 +24,7 @@ from slamsim.io.copy.recording import copy_recording
 from slamsim.recording.repairs.apply import apply_repairs
 from slamsim.recording.repairs.base import Repair
 from slamsim.run.checking import check_log
-from slamsim.run.faulting import inject_faults
+from slamsim.run.fixing import inject_faults
 from slamsim.run.info import tell_info
 
 Images = dict[str, list[tuple[int, Any]]]

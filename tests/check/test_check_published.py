@@ -19,9 +19,8 @@ from slamsim.check.questions.wheels.odometry import check_odometry
 from slamsim.check.questions.wheels.published import check_published
 from slamsim.recording import RawImu, RawOdometry, RawScans, RawTicks
 from slamsim.recording.repairs.apply import apply_repairs
-from slamsim.sensors.faults.apply import injected
 from slamsim.sensors.faults.base import Fault
-from slamsim.sensors.faults.registry import load_fault
+from slamsim.sensors.faults.registry import injected, load_fault
 
 ASKED: dict[str, Callable[[RecordingEvidence], list[Finding]]] = {
     "odometry_not_a_number": check_published,

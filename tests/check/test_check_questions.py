@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from recording_data import recording
 from typer.testing import CliRunner
 
-from slamsim.bench.check.trials import require_known_names
+from slamsim.bench.check.outcome import require_known_names
 from slamsim.check import questions
 from slamsim.check.findings import Measurement, decide
 from slamsim.check.question import FaultKind, Question, judge

@@ -14,7 +14,7 @@ import pytest
 from real_logs import needs_radish, radish
 from typed import typed
 
-from slamsim.guard.text import open_lines
+from slamsim.guard.unpacking import open_lines
 from slamsim.io.open import read_log, read_truth
 from slamsim.run.naming import is_recording
 

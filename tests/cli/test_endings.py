@@ -19,8 +19,8 @@ from slamsim.config.loading import load_run_config, with_drive_seed
 from slamsim.console.reporter import Reporter
 from slamsim.core.result import Event
 from slamsim.io.text.tum import read_tum
+from slamsim.run.scoring import position_95_m, verdict
 from slamsim.run.stages import Report
-from slamsim.run.verdict import position_95_m, verdict
 from slamsim.slam.events import BY_WEIGHT, by_weight
 
 SLOW = ("--set", "sensors.lidar.rate_hz=10")

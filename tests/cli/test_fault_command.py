@@ -16,7 +16,7 @@ from slamsim.config.loading import load_run_config
 from slamsim.guard.errors import NotFound, OverrideRefused, SlamsimError
 from slamsim.io.open import open_recording, read_recording, read_truth
 from slamsim.recording.edits.base import CannotEdit
-from slamsim.run.faulting import fault_facts, fault_table, inject_faults
+from slamsim.run.fixing import fault_facts, fault_table, inject_faults
 
 SHORT = ("--set", "drive.route.max_duration_s=6", "--set", "sensors.lidar.rate_hz=10")
 

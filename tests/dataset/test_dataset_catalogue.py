@@ -14,15 +14,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slamsim.dataset.catalogue.card import data_card
-from slamsim.dataset.catalogue.manifest import manifest
-from slamsim.dataset.catalogue.statistics import statistics
+from slamsim.dataset.catalogue.statistics import manifest, statistics
 from slamsim.dataset.catalogue.write import catalogue_files, write_catalogue
 from slamsim.dataset.make.identity import IDENTITY
 from slamsim.dataset.make.shard import shard_path
 from slamsim.dataset.recipe.loading import load_recipe
 from slamsim.dataset.recipe.sequence import SPLITS, Cell
+from slamsim.dataset.store.lazy_table import rows_to_parquet, table_from_parquet
 from slamsim.dataset.store.store import open_store
-from slamsim.dataset.store.table import rows_to_parquet, table_from_parquet
 from slamsim.guard.errors import StoreFailed
 
 Row = dict[str, Cell]

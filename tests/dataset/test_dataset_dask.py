@@ -12,9 +12,8 @@ import pytest
 from dataset_run import children, end, make, tree
 
 from slamsim.dataset.make.engines.dask import DaskEngine
-from slamsim.dataset.make.progress import Unwatched
-from slamsim.dataset.make.shard import Tried
-from slamsim.dataset.make.versions import versions
+from slamsim.dataset.make.identity import versions
+from slamsim.dataset.make.shard import Tried, Unwatched
 from slamsim.guard.errors import SlamsimError
 
 dask = pytest.importorskip("dask")
@@ -78,7 +77,7 @@ def test_a_worker_with_other_software_is_refused(
     cluster: Any, orders: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     versions.cache_clear()
-    monkeypatch.setattr("slamsim.dataset.make.versions.__version__", "9.0")
+    monkeypatch.setattr("slamsim.dataset.make.identity.__version__", "9.0")
     with pytest.raises(SlamsimError, match=r"has slamsim .* instead of 9\.0"):
         make(tmp_path / "set", orders, COUNT, DaskEngine(cluster.scheduler_address))
     versions.cache_clear()

@@ -22,7 +22,7 @@ from slamsim.guard.errors import InputRefused
 from slamsim.io.open import read_log, read_recording, read_truth
 from slamsim.io.parquet.file import read_table
 from slamsim.io.text.kitti import CAMERA_FROM_LASER
-from slamsim.recording.mountings import declared_laser_mounting
+from slamsim.recording.frames import declared_laser_mounting
 from slamsim.sensors.faults.cameras import CameraFault
 from slamsim.sensors.faults.registry import bundled_faults
 from slamsim.sim.drive.route import plan_route

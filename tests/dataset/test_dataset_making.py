@@ -10,9 +10,9 @@ from dataset_run import tree
 from dataset_stub import Stub
 
 from slamsim.console.reporter import Reporter
-from slamsim.dataset.catalogue.manifest import MANIFEST
+from slamsim.dataset.catalogue.statistics import MANIFEST
 from slamsim.dataset.make.shard import Tried
-from slamsim.dataset.store.table import rows_from_parquet
+from slamsim.dataset.store.lazy_table import rows_from_parquet
 from slamsim.guard.errors import NotFound, SlamsimError
 from slamsim.run.dataset.making import ConsoleWatch, run_make
 

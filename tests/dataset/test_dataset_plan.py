@@ -21,7 +21,7 @@ from slamsim.dataset.recipe.preview import contact_sheet
 from slamsim.dataset.recipe.sequence import SequenceSpec
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.quantities import as_size, as_time
-from slamsim.run.dataset.planning import plan_rows
+from slamsim.run.dataset.telling import plan_rows
 
 TINY = load_recipe("tiny")
 

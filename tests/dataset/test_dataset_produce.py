@@ -16,7 +16,7 @@ from slamsim.config.loading import load_run_config
 from slamsim.core.types import FloatArray
 from slamsim.dataset.make.produce import produce
 from slamsim.dataset.recipe.sequence import SequenceFacts
-from slamsim.guard.image import GrayImage, read_gray_image
+from slamsim.guard.pictures import GrayImage, read_gray_image
 from slamsim.io.open import read_log, read_recording, read_truth
 from slamsim.io.parquet.file import joined_axes, read_table
 from slamsim.io.text.tum import read_tum

@@ -13,12 +13,11 @@ import pytest
 from dataset_run import SHARD, end, make, runs, start, tree, workers_of
 from waiting import wait_for
 
-from slamsim.dataset.make.engines.base import WorkEngine
+from slamsim.dataset.make.engines.local import WorkEngine
 from slamsim.dataset.make.identity import Identity, read_identity
-from slamsim.dataset.make.progress import Unwatched
-from slamsim.dataset.make.shard import shard_path
+from slamsim.dataset.make.shard import Unwatched, shard_path
+from slamsim.dataset.store.lazy_table import rows_from_parquet
 from slamsim.dataset.store.store import LocalStore, open_store
-from slamsim.dataset.store.table import rows_from_parquet
 from slamsim.guard.errors import DiskFull, Locked, SlamsimError
 
 COUNT = 14

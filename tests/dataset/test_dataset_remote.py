@@ -15,8 +15,7 @@ from dataset_run import end, make, start, tree
 from dataset_whole import KeptEngine
 from waiting import wait_for
 
-from slamsim.dataset.make.engines.base import WorkEngine
-from slamsim.dataset.make.engines.local import LocalEngine
+from slamsim.dataset.make.engines.local import LocalEngine, WorkEngine
 from slamsim.dataset.make.shard import shard_path
 from slamsim.dataset.store.remote import LOCK, RemoteStore
 from slamsim.guard.errors import Locked, SlamsimError

@@ -13,13 +13,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from slamsim.console.reporter import Reporter
-from slamsim.dataset.catalogue.manifest import MANIFEST
+from slamsim.dataset.catalogue.statistics import MANIFEST
 from slamsim.dataset.catalogue.verify import Verification, verify
-from slamsim.dataset.make import again
-from slamsim.dataset.make.engines.base import WorkEngine
-from slamsim.dataset.store.table import rows_from_parquet, rows_to_parquet
+from slamsim.dataset.make import sequence_check
+from slamsim.dataset.make.engines.local import WorkEngine
+from slamsim.dataset.store.lazy_table import rows_from_parquet, rows_to_parquet
 from slamsim.guard.errors import NotFound, SlamsimError
-from slamsim.guard.sums import (
+from slamsim.guard.seal import (
     SUMS,
     SumsDamaged,
     read_sequence,
@@ -163,7 +163,7 @@ def test_only_making_it_again_tells_what_was_never_made_so(small_set: Path, tmp_
 
 
 def test_other_software_does_not_judge(small_set: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(again, "versions", lambda: {"numpy": "0.1"})
+    monkeypatch.setattr(sequence_check, "versions", lambda: {"numpy": "0.1"})
     with pytest.raises(SlamsimError, match=r"numpy 0\.1 instead of"):
         verify(str(small_set), again=1)
     assert verify(str(small_set)).whole

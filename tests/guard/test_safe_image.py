@@ -14,8 +14,8 @@ from limited_child import run_limited
 from numpy.typing import NDArray
 
 from slamsim.guard.errors import InputRefused, NotFound
-from slamsim.guard.image import read_gray_image
 from slamsim.guard.limits import Limits
+from slamsim.guard.pictures import read_gray_image
 
 
 def chunk(kind: bytes, data: bytes) -> bytes:
@@ -158,7 +158,7 @@ def test_bombs_are_refused_in_little_memory(tmp_path: Path) -> None:
         import sys
         from pathlib import Path
         from slamsim.guard.errors import InputRefused
-        from slamsim.guard.image import read_gray_image
+        from slamsim.guard.pictures import read_gray_image
         for path in sorted(Path(sys.argv[1]).iterdir()):
             try:
                 print(path.name, read_gray_image(path).shape)

@@ -17,7 +17,7 @@ from real_logs import needs_radish, radish
 
 from slamsim.guard.errors import InputRefused, NotFound
 from slamsim.guard.limits import Limits
-from slamsim.guard.text import open_lines
+from slamsim.guard.unpacking import open_lines
 
 PACKINGS: dict[str, Callable[[bytes], bytes]] = {
     "plain": lambda raw: raw,
@@ -143,7 +143,7 @@ def test_bombs_are_stopped_in_little_memory(tmp_path: Path) -> None:
         import sys
         from pathlib import Path
         from slamsim.guard.errors import InputRefused
-        from slamsim.guard.text import open_lines
+        from slamsim.guard.unpacking import open_lines
         for path in sorted(Path(sys.argv[1]).iterdir()):
             try:
                 for _ in open_lines(path):

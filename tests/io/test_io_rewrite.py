@@ -30,9 +30,8 @@ from slamsim.recording.edits.base import CannotEdit
 from slamsim.recording.edits.messages import select
 from slamsim.recording.repairs.apply import apply_repairs
 from slamsim.recording.repairs.base import Repair
-from slamsim.sensors.faults.apply import injected
 from slamsim.sensors.faults.base import Fault
-from slamsim.sensors.faults.registry import bundled_faults
+from slamsim.sensors.faults.registry import bundled_faults, injected
 
 STORES = {kind: store_of(kind) for kind in KINDS}
 _MODELLED = {

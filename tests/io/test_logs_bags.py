@@ -25,7 +25,7 @@ from rosbags.rosbag2 import StoragePlugin
 
 from slamsim.core.types import Log
 from slamsim.guard.errors import OverrideRefused
-from slamsim.io.bag2.folder import MCAP_NAME
+from slamsim.io.bag2.writer import MCAP_NAME
 from slamsim.io.open import read_log, read_truth
 from slamsim.io.selection import Selection
 from slamsim.models.differential_drive import wheel_odometry

@@ -20,7 +20,7 @@ from slamsim.guard.errors import InputRefused, NotFound, OverrideRefused
 from slamsim.io.open import read_log, read_truth
 from slamsim.io.selection import Selection
 from slamsim.io.text.relations import read_relations
-from slamsim.io.text.stamps import decimal_from_stamp_ns, stamp_ns_from_decimal
+from slamsim.io.text.tum import decimal_from_stamp_ns, stamp_ns_from_decimal
 
 
 @lru_cache

@@ -18,8 +18,7 @@ from mcap.writer import CompressionType
 
 from slamsim.core.types import Log
 from slamsim.guard.errors import InputRefused, NotFound
-from slamsim.io.bag2.folder import MCAP_NAME
-from slamsim.io.bag2.growing import GrowingBag
+from slamsim.io.bag2.writer import MCAP_NAME, GrowingBag
 from slamsim.io.open import read_log, read_truth
 from slamsim.recording import row_store
 from slamsim.simulation.log_writer import LogWriter

@@ -15,10 +15,10 @@ from rosbags.interfaces import QosDurability
 from rosbags.rosbag2 import Reader
 
 from slamsim.core.geometry import xyzw_from_yaw
-from slamsim.io.bag2.folder import MCAP_NAME
-from slamsim.io.ros.cdr import Rows
+from slamsim.io.bag2.writer import MCAP_NAME
 from slamsim.io.ros.encoding import encoded_transforms, outgoing, stream_messages, text
-from slamsim.io.ros.standard_types import ENCODER_TICKS, ros2_types
+from slamsim.io.ros.layouts import Rows
+from slamsim.io.ros.message_types import ENCODER_TICKS, ros2_types
 from slamsim.models.differential_drive import wheel_odometry
 from slamsim.recording import (
     RawImu,

@@ -11,7 +11,7 @@ import pytest
 
 from slamsim.io.ros.columns import Alike, alike, layout_for
 from slamsim.io.ros.layouts import columns_of, message_layout, shape_of
-from slamsim.io.ros.standard_types import ros2_types
+from slamsim.io.ros.message_types import ros2_types
 from slamsim.recording import KINDS, RawStream, RawTwists, ScanLayout, TransformEdge
 from slamsim.recording.schemas import LASER_LAYOUT, TRANSFORM, TRANSFORMS, Schema
 

@@ -21,11 +21,11 @@ from slamsim.cli.main import app
 from slamsim.guard.errors import InputRefused
 from slamsim.io.formats import survey_of
 from slamsim.io.mcap.reader import index_mcap
-from slamsim.io.mcap.sample import sampled_mcap
+from slamsim.io.mcap.summary import sampled_mcap
 from slamsim.io.open import read_recording, survey_recording
 from slamsim.process.exit_codes import run_command
 from slamsim.recording import TransformEdge
-from slamsim.recording.outline import drawn, outline
+from slamsim.recording.frame_graph import drawn, outline
 
 ROBOT = Robot(ROS2)
 LONG = 3000

@@ -15,8 +15,8 @@ from slamsim.core.geometry import compose, xyzw_from_yaw
 from slamsim.core.types import FloatArray
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.numbers import BadNumbers
-from slamsim.io.bag2.folder import TopicKind
-from slamsim.io.ros.standard_types import ros2_types
+from slamsim.io.bag2.writer import TopicKind
+from slamsim.io.ros.message_types import ros2_types
 from slamsim.live.controls import HOLD_S, Mode, Status
 from slamsim.live.hub import Hub
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from slamsim.io.bag2.folder import TopicKind
+from slamsim.io.bag2.writer import TopicKind
 from slamsim.io.ros.values import cdr_of
 from slamsim.live.hub import Hub
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from slamsim.config.loading import load_run_config
-from slamsim.io.bag2.folder import TopicKind
+from slamsim.io.bag2.writer import TopicKind
 from slamsim.io.ros.bag import open_bag
 from slamsim.live.hub import Hub, Message
 from slamsim.live.mapping import MappingProcess

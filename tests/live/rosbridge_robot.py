@@ -16,7 +16,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from slamsim.live.hub import Hub
 from slamsim.live.servers.access import Access
-from slamsim.live.servers.rosbridge.server import RosbridgeServer, start_rosbridge
+from slamsim.live.servers.rosbridge.server import RosbridgeServer
 
 
 class Robot:
@@ -50,7 +50,7 @@ class Robot:
 @contextmanager
 def serving(access: Access | None = None) -> Iterator[Robot]:
     messages, controls = hub(), NotedControls()
-    with start_rosbridge(messages, controls, access or Access(), port=0) as server:
+    with RosbridgeServer(messages, controls, access or Access(), port=0) as server:
         yield Robot(server, messages, controls)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from slamsim.config.loading import load_run_config
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.numbers import require_number
-from slamsim.io.bag2.folder import TopicKind
+from slamsim.io.bag2.writer import TopicKind
 from slamsim.live.controls import HOLD_S, Mode, Status
 from slamsim.live.drivers import ManualDriver
 from slamsim.live.hub import Hub

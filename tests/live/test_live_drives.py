@@ -25,8 +25,7 @@ from slamsim.live.mapping import MappingProcess
 from slamsim.live.published import SLAM_TOPICS
 from slamsim.live.recording import read_drive
 from slamsim.live.robot import LiveRobot
-from slamsim.run.live.replay import replay_drive
-from slamsim.run.live.world import live_config
+from slamsim.run.live.world import live_config, replay_drive
 from slamsim.sim.drive.drive_loop import BasePose
 from slamsim.sim.drive.route import Route
 from slamsim.sim.robot.model import build_robot

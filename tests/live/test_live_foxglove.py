@@ -25,7 +25,7 @@ from slamsim.guard.errors import OutputRefused
 from slamsim.live.hub import Hub
 from slamsim.live.servers import front
 from slamsim.live.servers.access import Access
-from slamsim.live.servers.foxglove import FoxgloveServer, start_foxglove
+from slamsim.live.servers.foxglove import FoxgloveServer
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 TWIST, GOAL = "geometry_msgs/msg/Twist", "geometry_msgs/msg/PoseStamped"
@@ -39,7 +39,7 @@ Served = tuple[Hub, NotedControls, FoxgloveServer]
 @pytest.fixture
 def served() -> Iterator[Served]:
     hub, controls = live_hub(), NotedControls()
-    with start_foxglove(hub, controls, Access(), port=0) as server:
+    with FoxgloveServer(hub, controls, Access(), port=0) as server:
         yield hub, controls, server
 
 
@@ -254,7 +254,7 @@ def test_a_page_elsewhere_is_refused(served: Served) -> None:
 
 def test_beyond_this_machine_a_token_is_needed() -> None:
     access = Access("0.0.0.0", "secret-of-this-drive")
-    with start_foxglove(live_hub(), NotedControls(), access, port=0) as server:
+    with FoxgloveServer(live_hub(), NotedControls(), access, port=0) as server:
         assert server.address.endswith("/?token=secret-of-this-drive")
         address = server.address.replace("0.0.0.0", "127.0.0.1")
         with FoxgloveClient(address) as client:
@@ -272,9 +272,9 @@ def test_a_port_that_is_taken_is_told() -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
         with pytest.raises(OutputRefused, match=f"port {port} of 127.0.0.1 is already in use by"):
-            start_foxglove(live_hub(), NotedControls(), Access(), port)
+            FoxgloveServer(live_hub(), NotedControls(), Access(), port)
     with pytest.raises(OutputRefused, match=r"nothing can be served at 192\.0\.2\.1:0"):
-        start_foxglove(live_hub(), NotedControls(), Access("192.0.2.1", "token"), 0)
+        FoxgloveServer(live_hub(), NotedControls(), Access("192.0.2.1", "token"), 0)
 
 
 def test_a_dead_front_is_begun_again(served: Served, caplog: pytest.LogCaptureFixture) -> None:
@@ -302,7 +302,7 @@ def front_pid() -> int:
 @pytest.fixture(scope="module")
 def kept() -> Iterator[Served]:
     hub, controls = live_hub(), NotedControls()
-    with start_foxglove(hub, controls, Access(), port=0) as server:
+    with FoxgloveServer(hub, controls, Access(), port=0) as server:
         yield hub, controls, server
 
 
@@ -352,7 +352,7 @@ def test_a_client_that_reads_nothing_is_cut_off_and_no_other_misses_anything(
     monkeypatch.setattr(front, "STALLED_S", 0.1)
     hub = live_hub()
     with (
-        start_foxglove(hub, NotedControls(), Access(), port=0) as server,
+        FoxgloveServer(hub, NotedControls(), Access(), port=0) as server,
         FoxgloveClient(server.address) as awake,
     ):
         awake.subscribe("/scan")

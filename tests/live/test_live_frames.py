@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from websockets.frames import Frame, Opcode
 
-from slamsim.live.servers import frames
-from slamsim.live.servers.frames import FrameQueue
+from slamsim.live.servers import front_worker
+from slamsim.live.servers.front_worker import FrameQueue
 
 
 def written(payload: bytes, opcode: Opcode = Opcode.BINARY) -> bytes:
@@ -77,7 +77,7 @@ def test_a_half_frame_waits_for_its_rest() -> None:
 def test_the_oldest_messages_are_left_out_and_nothing_else(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(frames, "MOST_BYTES", 20_000)
+    monkeypatch.setattr(front_worker, "MOST_BYTES", 20_000)
     queue = FrameQueue()
     told = written(b'{"op":"advertise"}', Opcode.TEXT)
     answer = written(b"\x03an answer of a service")
@@ -100,12 +100,12 @@ def test_so_many_frames_wait_and_no_more() -> None:
     for number in range(5_000):
         queue.feed(message(number, 0))
     payloads = split(taken(queue))
-    assert len(payloads) <= frames.MOST_FRAMES + 1
+    assert len(payloads) <= front_worker.MOST_FRAMES + 1
     assert payloads[-1][1:5] == (4_999).to_bytes(4, "little")
 
 
 def test_one_message_larger_than_all_room_is_kept_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(frames, "MOST_BYTES", 20_000)
+    monkeypatch.setattr(front_worker, "MOST_BYTES", 20_000)
     queue = FrameQueue()
     for number in range(3):
         queue.feed(message(number, 50_000))

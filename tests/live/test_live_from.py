@@ -17,8 +17,8 @@ from slamsim.guard.errors import SlamsimError
 from slamsim.live.hub import Hub, Message
 from slamsim.live.remote import robot as remote
 from slamsim.live.servers.access import Access
-from slamsim.live.servers.foxglove import start_foxglove
-from slamsim.live.servers.rosbridge.server import start_rosbridge
+from slamsim.live.servers.foxglove import FoxgloveServer
+from slamsim.live.servers.rosbridge.server import RosbridgeServer
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def test_a_robot_behind_a_server_is_mapped(
             elif played.is_over:
                 return
 
-    starts: dict[str, Any] = {"rosbridge": start_rosbridge, "foxglove": start_foxglove}
+    starts: dict[str, Any] = {"rosbridge": RosbridgeServer, "foxglove": FoxgloveServer}
     with starts[protocol](hub, FakeRobot(tmp_path), Access(), port=0) as server:
         thread = threading.Thread(target=play)
         thread.start()

@@ -12,7 +12,7 @@ from served_robot import LIVE_TOPICS
 
 from slamsim.config.bundled import bundled_folder
 from slamsim.config.drive import LimitsConfig
-from slamsim.io.ros.standard_types import ros2_types
+from slamsim.io.ros.message_types import ros2_types
 from slamsim.live.controls import HOLD_S
 from slamsim.live.requests import SERVICES, SUBSCRIBED
 

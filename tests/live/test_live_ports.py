@@ -9,7 +9,7 @@ import sys
 
 import pytest
 
-from slamsim.live.servers.ports import port_in_use_error
+from slamsim.live.servers.access import port_in_use_error
 
 linux = pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 

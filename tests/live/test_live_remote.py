@@ -16,9 +16,9 @@ from slamsim.core.geometry import compose
 from slamsim.evaluate.trajectory import compare
 from slamsim.guard.errors import InputRefused, OverrideRefused, SlamsimError
 from slamsim.guard.numbers import BadNumbers
-from slamsim.io.bag2.folder import TopicKind
+from slamsim.io.bag2.writer import TopicKind
 from slamsim.io.open import open_recording
-from slamsim.io.ros.standard_types import ros2_types
+from slamsim.io.ros.message_types import ros2_types
 from slamsim.io.selection import Selection
 from slamsim.live.hub import Message
 from slamsim.live.mapping import MappingProcess

@@ -10,9 +10,9 @@ import pytest
 from scan_recording import healthy
 
 from slamsim.guard.errors import SlamsimError
-from slamsim.io.bag2.folder import TopicKind
+from slamsim.io.bag2.writer import TopicKind
 from slamsim.io.open import open_recording
-from slamsim.live import calls
+from slamsim.live import controls
 from slamsim.live.hub import Message
 from slamsim.live.live_map import LiveMap, _Lag
 from slamsim.live.mapping import MappingProcess
@@ -89,9 +89,9 @@ def test_a_loop_ends_where_the_look_at_it_fails() -> None:
 
 
 def test_a_loop_that_does_not_answer_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(calls, "_ANSWER_S", 0.01)
+    monkeypatch.setattr(controls, "_ANSWER_S", 0.01)
     with pytest.raises(SlamsimError, match="did not answer"):
-        calls.Calls().answer(lambda: None)
+        controls.Calls().answer(lambda: None)
 
 
 def test_a_slam_that_lags_gets_no_scans_until_it_has_caught_up() -> None:

@@ -17,7 +17,7 @@ from slamsim.config.loading import load_run_config
 from slamsim.console.reporter import Reporter
 from slamsim.core.types import PlanarTrajectory
 from slamsim.guard.errors import SlamsimError
-from slamsim.io.bag2.folder import TopicKind
+from slamsim.io.bag2.writer import TopicKind
 from slamsim.io.selection import Selection
 from slamsim.live.hub import Message
 from slamsim.live.live_map import LiveMap

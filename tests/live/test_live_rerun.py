@@ -14,7 +14,7 @@ from waiting import wait_for
 
 from slamsim.core.types import Grid
 from slamsim.guard.errors import SlamsimError
-from slamsim.io.bag2.folder import TopicKind
+from slamsim.io.bag2.writer import TopicKind
 from slamsim.live.hub import Hub
 from slamsim.live.published import SLAM_TOPICS, SlamMessages
 from slamsim.live.servers import rerun

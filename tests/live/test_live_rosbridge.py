@@ -19,9 +19,9 @@ from rosbridge_robot import Robot, ask, call, complaint, serving, subscribe, tol
 from served_robot import NotedControls
 from websockets.exceptions import ConnectionClosedOK
 
-from slamsim.io.ros.standard_types import ros2_types
+from slamsim.io.ros.message_types import ros2_types
 from slamsim.live.servers.access import Access
-from slamsim.live.servers.rosbridge.server import start_rosbridge
+from slamsim.live.servers.rosbridge.server import RosbridgeServer
 
 FAR = {"pose": {"position": {"x": 1e9}}}
 
@@ -350,5 +350,5 @@ def test_a_server_that_stops_says_so_and_leaves_its_port() -> None:
             port = robot.server.port
         with pytest.raises(ConnectionClosedOK, match="going away"):
             client.recv(timeout=5.0)
-    with start_rosbridge(hub(), NotedControls(), Access(), port):
+    with RosbridgeServer(hub(), NotedControls(), Access(), port):
         pass

@@ -24,13 +24,13 @@ from websockets.typing import Subprotocol
 
 from slamsim.guard.errors import OutputRefused
 from slamsim.io.ros.values import WrongMessage
+from slamsim.live import rosbridge
 from slamsim.live.requests import SUBSCRIBED
-from slamsim.live.rosbridge import fragments
 from slamsim.live.servers.access import Access
 from slamsim.live.servers.rosbridge import client as clients
 from slamsim.live.servers.rosbridge.client import Client
 from slamsim.live.servers.rosbridge.operations import Operations
-from slamsim.live.servers.rosbridge.server import start_rosbridge
+from slamsim.live.servers.rosbridge.server import RosbridgeServer
 from slamsim.live.servers.rosbridge.topics import MOST_TOPICS, Topics
 
 pytestmark = pytest.mark.fault
@@ -172,18 +172,18 @@ def test_what_cannot_be_passed_on_is_told() -> None:
 def test_a_frame_that_is_too_large_ends_the_connection() -> None:
     with serving() as robot, robot.connect() as client, robot.connect() as another:
         with pytest.raises(ConnectionClosedError, match="1009"):
-            client.send(" " * (fragments.LARGEST_MESSAGE + 1))
+            client.send(" " * (rosbridge.LARGEST_MESSAGE + 1))
             client.recv(timeout=TIMEOUT_S)
         call(another, "/rosapi/nodes")
 
 
 def test_half_fragments_are_limited() -> None:
     with serving() as robot, robot.connect() as client:
-        for number in range(fragments.MOST_OPEN):
+        for number in range(rosbridge.MOST_OPEN):
             ask(client, op="fragment", id=number, num=0, total=2, data="x")
         ask(client, op="fragment", id="more", num=0, total=2, data="x")
         assert "incomplete already" in told(client)["msg"]
-    joined = fragments.Fragments(largest=10)
+    joined = rosbridge.Fragments(largest=10)
     part = {"id": 1, "num": 0, "total": 2, "data": "x" * 8}
     assert joined.add(part, 0.0) is None
     with pytest.raises(WrongMessage, match="more than 10 bytes"):
@@ -273,7 +273,7 @@ def test_what_is_no_websocket_is_answered() -> None:
 
 def test_a_second_server_on_a_port_names_the_first() -> None:
     with serving() as robot, pytest.raises(OutputRefused, match=f"process {os.getpid()} "):
-        start_rosbridge(hub(), NotedControls(), Access(), robot.server.port)
+        RosbridgeServer(hub(), NotedControls(), Access(), robot.server.port)
 
 
 def test_a_slow_client_costs_no_more_than_its_queue_and_delays_nobody(

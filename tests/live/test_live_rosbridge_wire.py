@@ -13,15 +13,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.interfaces import Nodetype
 
-from slamsim.io.ros.standard_types import ros2_types
+from slamsim.io.ros.message_types import ros2_types
 from slamsim.io.ros.values import WrongMessage, cdr_of, plain_values
-from slamsim.live.rosbridge.fragments import Fragments, split
-from slamsim.live.rosbridge.wire import (
+from slamsim.live.rosbridge import (
+    Fragments,
     cbor_bytes,
     json_text,
     parsed,
     png_content,
     png_text,
+    split,
 )
 
 TYPES = sorted(ros2_types().fielddefs)

@@ -27,19 +27,17 @@ from websockets.sync.server import ServerConnection, serve
 from websockets.typing import Subprotocol
 
 from slamsim.guard.errors import InputRefused
-from slamsim.io.bag2.folder import TopicKind, described
+from slamsim.io.bag2.writer import TopicKind, described
 from slamsim.io.ros.values import WrongMessage, cdr_of, plain_values
 from slamsim.live.hub import Message
 from slamsim.live.servers.access import Access
-from slamsim.live.servers.foxglove import start_foxglove
-from slamsim.live.servers.rosbridge.server import start_rosbridge
+from slamsim.live.servers.foxglove import FoxgloveServer
+from slamsim.live.servers.rosbridge.server import RosbridgeServer
 from slamsim.live.sources import source as sources
-from slamsim.live.sources.connect import open_source
-from slamsim.live.sources.foxglove import FoxgloveSource
-from slamsim.live.sources.rosbridge import RosbridgeSource
+from slamsim.live.sources.clients import FoxgloveSource, RosbridgeSource, open_source
 from slamsim.live.sources.source import LiveSource
 
-STARTS: dict[str, Any] = {"rosbridge": start_rosbridge, "foxglove": start_foxglove}
+STARTS: dict[str, Any] = {"rosbridge": RosbridgeServer, "foxglove": FoxgloveServer}
 
 
 @pytest.fixture(autouse=True)
@@ -73,7 +71,7 @@ MAP_TOPIC = TopicKind("/map", "nav_msgs/msg/OccupancyGrid")
 
 
 def test_a_token_is_part_of_the_address() -> None:
-    with start_rosbridge(hub(), NotedControls(), Access(token="a/ b"), port=0) as server:
+    with RosbridgeServer(hub(), NotedControls(), Access(token="a/ b"), port=0) as server:
         with open_source(server.address, print) as source:
             assert len(source.topics()) == 4
         with pytest.raises(InputRefused, match="the token is missing or wrong"):
@@ -116,7 +114,7 @@ def test_what_is_published_reaches_a_foxglove_server(tmp_path: Any) -> None:
     twist = cdr_of("geometry_msgs/msg/Twist", {"linear": {"x": 0.25}}, 0)
     notices: list[str] = []
     with ExitStack() as opened:
-        server = opened.enter_context(start_foxglove(robot.hub, robot, Access(), port=0))
+        server = opened.enter_context(FoxgloveServer(robot.hub, robot, Access(), port=0))
         with open_source(server.address, notices.append) as source:
             wait_for(lambda: bool(source._encoding))  # type: ignore[attr-defined]
             source.publish("/cmd_vel", "geometry_msgs/msg/Twist", twist)
@@ -304,7 +302,7 @@ def test_the_end_does_not_wait_for_a_server_that_does_not_answer(
     """The connection breaks, and the next one is being opened when the block ends."""
     monkeypatch.setattr(sources, "PATIENCE_S", 1000.0)
     notices: list[str] = []
-    server = start_rosbridge(hub(), NotedControls(), Access(), port=0)
+    server = RosbridgeServer(hub(), NotedControls(), Access(), port=0)
     with server:
         source = open_source(server.address, notices.append)
         source.__enter__()

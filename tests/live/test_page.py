@@ -27,7 +27,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from slamsim.guard.errors import OutputRefused
 from slamsim.live.servers.access import Access
-from slamsim.live.servers.page import PageServer, start_page
+from slamsim.live.servers.page import PageServer
 
 TOKEN = "right-token_0123456789"
 
@@ -39,13 +39,13 @@ def robot(tmp_path: Path) -> FakeRobot:
 
 @pytest.fixture
 def server(robot: FakeRobot) -> Iterator[PageServer]:
-    with start_page(robot.hub, robot, Access(), 0) as server:
+    with PageServer(robot.hub, robot, Access(), 0) as server:
         yield server
 
 
 @pytest.fixture
 def guarded(robot: FakeRobot) -> Iterator[PageServer]:
-    with start_page(robot.hub, robot, Access("127.0.0.1", TOKEN), 0) as server:
+    with PageServer(robot.hub, robot, Access("127.0.0.1", TOKEN), 0) as server:
         yield server
 
 
@@ -329,7 +329,7 @@ def test_a_token_is_asked_for_everywhere(guarded: PageServer, robot: FakeRobot) 
 
 def test_the_address_is_one_that_others_can_open(robot: FakeRobot) -> None:
     assert Access("::1", "x").url_host == "[::1]"
-    with start_page(robot.hub, robot, Access("0.0.0.0", TOKEN), 0) as server:
+    with PageServer(robot.hub, robot, Access("0.0.0.0", TOKEN), 0) as server:
         assert server.address.endswith(f":{port_of(server)}/?token={TOKEN}")
         assert "0.0.0.0" not in server.address
         assert fetched(server, f"/?token={TOKEN}", Host="robot.local:8000")[0] == 303
@@ -371,7 +371,7 @@ def reads_nothing(server: PageServer) -> Iterator[None]:
 
 def test_a_page_that_reads_nothing_is_dropped_and_delays_no_other(robot: FakeRobot) -> None:
     with (
-        start_page(robot.hub, robot, Access(), 0, drop_s=1.0) as server,
+        PageServer(robot.hub, robot, Access(), 0, drop_s=1.0) as server,
         opened(server) as page,
         reads_nothing(server),
     ):
@@ -382,7 +382,7 @@ def test_a_page_that_reads_nothing_is_dropped_and_delays_no_other(robot: FakeRob
 
 
 def test_it_ends_with_a_page_that_reads_nothing(robot: FakeRobot) -> None:
-    server = start_page(robot.hub, robot, Access(), 0)
+    server = PageServer(robot.hub, robot, Access(), 0)
     with reads_nothing(server), opened(server) as page:
         until(page, lambda message: message.get("clients") == 2)
         busy(robot)
@@ -394,9 +394,9 @@ def test_it_ends_with_a_page_that_reads_nothing(robot: FakeRobot) -> None:
 
 def test_a_port_that_is_taken_is_told(server: PageServer, robot: FakeRobot) -> None:
     with pytest.raises(OutputRefused, match=f"port {port_of(server)} of 127.0.0.1 is already in"):
-        start_page(robot.hub, robot, Access(), port_of(server))
+        PageServer(robot.hub, robot, Access(), port_of(server))
     with pytest.raises(OutputRefused, match=r"nothing can be served at 192\.0\.2\.1:0"):
-        start_page(robot.hub, robot, Access("192.0.2.1", "token"), 0)
+        PageServer(robot.hub, robot, Access("192.0.2.1", "token"), 0)
 
 
 def test_a_message_that_cannot_be_read_is_left_out(server: PageServer, robot: FakeRobot) -> None:

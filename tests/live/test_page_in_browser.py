@@ -17,7 +17,7 @@ from fake_robot import FakeRobot
 from waiting import wait_for
 
 from slamsim.live.servers.access import Access
-from slamsim.live.servers.page import PageServer, start_page
+from slamsim.live.servers.page import PageServer
 
 pytestmark = needs_chromium
 
@@ -59,7 +59,7 @@ def robot(tmp_path: Path) -> Iterator[FakeRobot]:
 
 @pytest.fixture
 def server(robot: FakeRobot) -> Iterator[PageServer]:
-    with start_page(robot.hub, robot, Access(), 0) as server:
+    with PageServer(robot.hub, robot, Access(), 0) as server:
         yield server
 
 
@@ -210,20 +210,20 @@ def test_buttons_do_what_they_say(page: Page, server: PageServer, robot: FakeRob
 
 
 def test_it_connects_again_by_itself(page: Page, robot: FakeRobot) -> None:
-    with start_page(robot.hub, robot, Access(), 0) as server:
+    with PageServer(robot.hub, robot, Access(), 0) as server:
         port = int(server.address.split(":")[2].strip("/"))
         page.open(server.address)
         page.wait(CONNECTED)
     page.wait("document.body.dataset.link === 'lost'")
     assert "lost" in page.value("document.getElementById('banner').textContent")
     assert page.value("document.getElementById('panel').disabled")
-    with start_page(robot.hub, robot, Access(), port):
+    with PageServer(robot.hub, robot, Access(), port):
         page.wait("document.body.dataset.link === 'open'")
         assert page.value("document.getElementById('banner').hidden")
 
 
 def test_a_token_is_taken_once_and_kept(page: Page, robot: FakeRobot) -> None:
-    with start_page(robot.hub, robot, Access("127.0.0.1", "secret-token"), 0) as server:
+    with PageServer(robot.hub, robot, Access("127.0.0.1", "secret-token"), 0) as server:
         page.open(server.address)
         page.wait(CONNECTED)
         assert page.value("location.search") == "" and page.value("document.cookie") == ""

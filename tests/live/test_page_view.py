@@ -24,8 +24,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slamsim.live.hub import Hub
-from slamsim.live.servers.web.transforms import LiveTransforms
-from slamsim.live.servers.web.view import MOST_CELLS, MOST_POINTS, View
+from slamsim.live.servers.web.view import MOST_CELLS, MOST_POINTS, LiveTransforms, View
 
 METRES = st.floats(-20.0, 20.0)
 ANGLES = st.floats(-3.0, 3.0)

@@ -24,7 +24,7 @@ from slamsim.live.loop_controls import LoopControls
 from slamsim.live.mapping import MappingProcess
 from slamsim.live.published import SLAM_TOPICS
 from slamsim.live.servers.access import Access
-from slamsim.live.servers.page import start_page
+from slamsim.live.servers.page import PageServer
 from slamsim.run.live.world import live_config
 from slamsim.sim.drive.route import plan_route
 from slamsim.sim.robot.model import build_robot
@@ -83,7 +83,7 @@ def test_keys_drive_through_a_whole_labyrinth(
     areas, held, at = [], set[str](), 0
     place_m = points_m[0]
     with (
-        start_page(hub, LoopControls(live), Access(), 0) as server,
+        PageServer(hub, LoopControls(live), Access(), 0) as server,
         browser(tmp_path / "profile") as call,
     ):
         page = Page(call)

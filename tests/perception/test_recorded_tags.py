@@ -22,7 +22,7 @@ from slamsim.io.cameras.writers import calibration_yaml
 from slamsim.perception import recorded
 from slamsim.perception.calibrated import NO_CALIBRATION, CameraClock, read_calibration
 from slamsim.recording import Recording, TransformEdge
-from slamsim.recording.mountings import base_frame_of
+from slamsim.recording.frames import base_frame_of
 from slamsim.run.cameras.asked import from_images, refuse_wrong_files
 from slamsim.run.stages import Stages
 

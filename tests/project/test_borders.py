@@ -77,19 +77,19 @@ OWN_DOORS = {
     "dataset/make/produce.py": "a sequence that was made just now, hashed",
     "process/children.py": "what the system tells of a process",
     "bench/online.py": "what the system tells of this process",
-    "live/servers/ports.py": "what the system tells of sockets and the processes that hold them",
+    "live/servers/access.py": "what the system tells of sockets and the processes that hold them",
     "live/servers/web/answers.py": "the parts of our own page",
     # no file of anybody's
     "sim/bullet.py": "the null device",
     "entry.py": "the null device, in the place of a stream that is closed",
-    "bench/alone.py": "the null device",
+    "bench/logs.py": "the null device",
     # doors of their own, which refuse what ``open_as_found`` refuses
     "dataset/store/place.py": "a data set, in a folder through open_as_found, or behind a URL",
     "dataset/store/lazy_table.py": "through Place.open",
     "dataset/make/sequence_check.py": "through Place.open",
     "dataset/store/store.py": "its locks; a sequence that a worker made just now",
     # what has passed a door and is read by a library, which takes a name only
-    "world/from_mesh.py": "a mesh that check_mesh_file has passed",
+    "world/mesh_solids.py": "a mesh that check_mesh_file has passed",
     "io/salvage/sqlite_salvage.py": "a copy of a database that open_as_found has passed",
 }
 """Modules outside of ``guard/`` that open files for reading, and what these are."""

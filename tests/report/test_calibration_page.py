@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 
 from slamsim.perception.calibration.sightings import CornerMisfits
 from slamsim.report.figures.run import Picture
-from slamsim.report.pages import calibration
-from slamsim.report.pages.calibration import CalibratedView, Misfits, write_calibration_report
+from slamsim.report.pages import cameras
+from slamsim.report.pages.cameras import CalibratedView, Misfits, write_calibration_report
 from slamsim.run.cameras.calibration_files import write_calibration
 from slamsim.run.cameras.calibration_report import Calibrated, CameraResult
 
@@ -67,9 +67,9 @@ def test_arrows_of_many_tags_are_of_all_their_corners(monkeypatch: pytest.Monkey
         drawn.append({(x, y) for x, y in np.column_stack(line.get_data()).tolist()})
         return key
 
-    monkeypatch.setattr(calibration, "svg", kept)
-    monkeypatch.setattr(calibration, "_MOST_ARROWS", 30)
-    assert isinstance(calibration._arrows("a", misfits(30)), Picture)
+    monkeypatch.setattr(cameras, "svg", kept)
+    monkeypatch.setattr(cameras, "_MOST_ARROWS", 30)
+    assert isinstance(cameras._arrows("a", misfits(30)), Picture)
     assert drawn == [set(map(tuple, SQUARE_PX.tolist()))]
 
 

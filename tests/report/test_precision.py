@@ -13,10 +13,9 @@ from slamsim.core.types import FloatArray
 from slamsim.evaluate.bound import TrajectoryBound, scan_bound
 from slamsim.evaluate.budget import error_budget
 from slamsim.evaluate.consistency import nees
-from slamsim.report.numbers import report_json
 from slamsim.report.pages.run import report_html
 from slamsim.report.precision import driven_m, ellipses, held, path_and_strokes, precision_plots
-from slamsim.report.run_view import RunView
+from slamsim.report.run_view import RunView, report_json
 
 
 def information(count: int) -> FloatArray:

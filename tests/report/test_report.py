@@ -16,9 +16,8 @@ from slamsim.check.findings import CheckReport, Finding
 from slamsim.core.result import PoseGraph, SlamResult
 from slamsim.core.types import Grid, PlanarTrajectory
 from slamsim.evaluate.relations import RelationScores, RelationStatistics
-from slamsim.report.numbers import path_length_m, report_json
 from slamsim.report.pages.run import headline, report_html, write_report
-from slamsim.report.run_view import RunView
+from slamsim.report.run_view import RunView, path_length_m, report_json
 
 KEYS = {
     *("ate_rmse_m", "ate_max_m", "rpe_trans_percent", "rpe_rot_deg_per_m"),

@@ -29,10 +29,10 @@ from slamsim.guard.errors import SlamsimError
 INSTRUMENTED = (
     "slamsim.config",
     "slamsim.dataset.make.identity",
-    "slamsim.dataset.catalogue.manifest",
+    "slamsim.dataset.catalogue.statistics",
     "slamsim.dataset.recipe.model",
     "slamsim.dataset.recipe.distributions",
-    "slamsim.dataset.store.table",
+    "slamsim.dataset.store.lazy_table",
     "slamsim.io",
     "slamsim.guard",
     "slamsim.sim.drive.route_file",

@@ -23,7 +23,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from slamsim.io.ros.standard_types import ENCODER_TICKS, ros2_types
+from slamsim.io.ros.message_types import ENCODER_TICKS, ros2_types
 
 SECONDS, SPEED_M_S, BEAMS = 2.0, 0.4, 61
 _ROS2 = ros2_types()

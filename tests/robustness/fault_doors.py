@@ -16,7 +16,7 @@ from slamsim.config.measurements import load_measurements
 from slamsim.config.robot import RobotConfig
 from slamsim.core.types import FloatArray
 from slamsim.dataset.recipe.loading import load_recipe
-from slamsim.guard.image import read_gray_image
+from slamsim.guard.pictures import read_gray_image
 from slamsim.io.text.relations import read_relations
 from slamsim.io.text.tum import read_tum
 from slamsim.sensors.faults.registry import load_fault

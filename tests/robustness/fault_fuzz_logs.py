@@ -13,8 +13,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import Stores, get_typestore
 
 from slamsim.io.input_errors import as_input_errors
-from slamsim.io.ros.limits import check_definitions
-from slamsim.io.ros.message_types import register
+from slamsim.io.ros.message_types import check_definitions, register
 
 
 def _definitions() -> Iterable[bytes]:

@@ -23,18 +23,18 @@ from slamsim.config.loading import validated, with_presets
 from slamsim.config.robot import RobotConfig
 from slamsim.config.run import RunConfig
 from slamsim.config.world import WorldConfig
-from slamsim.dataset.catalogue.manifest import manifest
+from slamsim.dataset.catalogue.statistics import manifest
 from slamsim.dataset.make.identity import Identity, read_identity
 from slamsim.dataset.make.shard import made_row
 from slamsim.dataset.recipe.model import Recipe
 from slamsim.dataset.recipe.sequence import Cell, SequenceSpec
+from slamsim.dataset.store.lazy_table import rows_to_parquet, table_from_parquet, table_to_parquet
 from slamsim.dataset.store.place import Location
 from slamsim.dataset.store.reader import open_dataset
-from slamsim.dataset.store.table import rows_to_parquet, table_from_parquet, table_to_parquet
-from slamsim.guard.image import read_gray_image
 from slamsim.guard.mesh import check_mesh
 from slamsim.guard.mesh_file import check_mesh_file
-from slamsim.guard.sums import SumsDamaged, read_sequence, read_sums, sequence_text, sums_text
+from slamsim.guard.pictures import read_gray_image
+from slamsim.guard.seal import SumsDamaged, read_sequence, read_sums, sequence_text, sums_text
 from slamsim.guard.urdf import check_urdf
 from slamsim.guard.yaml import load_yaml, parse_yaml
 from slamsim.io.input_errors import as_input_errors

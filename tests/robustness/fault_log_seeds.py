@@ -26,8 +26,7 @@ from fault_text_changes import TEXT, in_bzip2, in_gzip
 from mcap.writer import CompressionType
 
 from slamsim.config.slam import SlamConfig
-from slamsim.io.bag2.folder import MCAP_NAME
-from slamsim.io.bag2.writer import write_recording
+from slamsim.io.bag2.writer import MCAP_NAME, write_recording
 from slamsim.io.carmen.writer import CarmenFile
 from slamsim.io.open import read_log, read_recording
 from slamsim.io.parquet.writer import ParquetLog

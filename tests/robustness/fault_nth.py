@@ -28,8 +28,7 @@ from long_run_journal import Journal, Row
 
 from slamsim.dataset.catalogue.verify import verify
 from slamsim.guard.errors import SlamsimError
-from slamsim.guard.seal import WRITTEN_BY_US
-from slamsim.guard.sums import SUMS
+from slamsim.guard.seal import SUMS, WRITTEN_BY_US
 from slamsim.run.verifying import verify_path
 
 _GROWING = frozenset(("open", "write", "mkdir", "fsync"))

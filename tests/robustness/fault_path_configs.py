@@ -11,9 +11,9 @@ from slamsim.config.loading import load_run_config
 from slamsim.config.measurements import load_measurements
 from slamsim.config.robot import RobotConfig
 from slamsim.config.scenarios.loading import load_scenarios
-from slamsim.config.scenarios.umbmark import UmbmarkConfig
+from slamsim.config.scenarios.robots import UmbmarkConfig
 from slamsim.dataset.recipe.loading import load_recipe
-from slamsim.scenarios.tested import robots_under_test
+from slamsim.scenarios.scripted import robots_under_test
 from slamsim.sensors.faults.registry import chosen_fault
 from slamsim.sim.drive.route import plan_route
 from slamsim.sim.robot.model import build_robot

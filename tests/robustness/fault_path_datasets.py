@@ -11,17 +11,17 @@ import pyarrow.parquet as pq
 from fault_path_recordings import tables
 from fault_paths import Action, Reference, Scene, attempt, ways
 
-from slamsim.dataset.catalogue.manifest import MANIFEST, manifest
+from slamsim.dataset.catalogue.statistics import MANIFEST, manifest
 from slamsim.dataset.catalogue.verify import verify
 from slamsim.dataset.make.identity import IDENTITY, Identity
 from slamsim.dataset.make.shard import MADE
 from slamsim.dataset.recipe.sequence import Cell
+from slamsim.dataset.store.lazy_table import rows_to_parquet, table_from_parquet, table_to_parquet
 from slamsim.dataset.store.reader import open_dataset
 from slamsim.dataset.store.store import LocalStore
-from slamsim.dataset.store.table import rows_to_parquet, table_from_parquet, table_to_parquet
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.lock import lock_of, owner_words
-from slamsim.guard.sums import SEQUENCE, SUMS, sequence_text, sums_text
+from slamsim.guard.seal import SEQUENCE, SUMS, sequence_text, sums_text
 
 NAME = "train/000000"
 

@@ -13,7 +13,7 @@ from test_world_import import ROOM, write_map
 from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
 from slamsim.core.types import Trajectory
-from slamsim.guard.sums import sums_text
+from slamsim.guard.seal import sums_text
 from slamsim.io.text.tum import write_tum
 from slamsim.report.viewer.process import recording_of
 from slamsim.run.continuing import read_earlier

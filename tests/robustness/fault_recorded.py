@@ -27,8 +27,8 @@ from slamsim.dataset.make import produce
 from slamsim.dataset.make.formats import Formats
 from slamsim.dataset.recipe.sequence import FormatName
 from slamsim.guard.output import partial_folder
+from slamsim.io import LOG
 from slamsim.io.bag2.writer import write_recording
-from slamsim.io.names import LOG
 from slamsim.io.open import read_recording
 from slamsim.io.salvage.source import damaged_recording
 from slamsim.recording import Recording

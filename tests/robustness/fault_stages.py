@@ -18,14 +18,14 @@ import dataset_run
 import log_data
 import numpy as np
 
-from slamsim.dataset.catalogue.manifest import MANIFEST, manifest
-from slamsim.dataset.make.engines.base import Answer
+from slamsim.dataset.catalogue.statistics import MANIFEST, manifest
+from slamsim.dataset.make.engines.local import Answer
 from slamsim.dataset.make.identity import IDENTITY
 from slamsim.dataset.make.shard import ShardTask, make_sequences
+from slamsim.dataset.store.lazy_table import table_from_parquet, table_to_parquet
 from slamsim.dataset.store.store import Store
-from slamsim.dataset.store.table import table_from_parquet, table_to_parquet
 from slamsim.guard.output import partial_file, partial_folder, write_atomic
-from slamsim.guard.sums import SUMS, sums_text
+from slamsim.guard.seal import SUMS, sums_text
 from slamsim.io.parquet.file import Column, ParquetFile
 from slamsim.simulation.log_writer import LogWriter
 

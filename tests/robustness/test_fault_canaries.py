@@ -152,7 +152,7 @@ with Reader("bag") as reader:
     Canary(
         "rosbags",
         "recurses without end over a type that holds itself",
-        "io/ros/limits.py: check_definitions",
+        "io/ros/message_types.py: check_definitions",
         """
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 store = get_typestore(Stores.EMPTY)
@@ -228,7 +228,7 @@ mesh.compute_vertex_normals()
     Canary(
         "open3d",
         "says that it wrote a mesh to a disk that is full",
-        "world/export.py makes the bytes, guard/output.py writes them",
+        "world/model.py makes the bytes, guard/output.py writes them",
         FULL
         + """
 import open3d
@@ -239,7 +239,7 @@ assert open3d.io.write_triangle_mesh(full("a.ply"), mesh) is True
     Canary(
         "opencv",
         "raises nothing where it cannot read or write an image",
-        "guard/image.py reads, guard/output.py writes",
+        "guard/pictures.py reads, guard/output.py writes",
         FULL
         + """
 import cv2, numpy as np

@@ -17,7 +17,7 @@ from sensing_example import PERFECT_LIDAR, Robot, drive_along, room
 
 from slamsim.config.drive import LimitsConfig, PhysicsConfig
 from slamsim.config.robot import RobotConfig
-from slamsim.config.scenarios.solver import SolverConfig
+from slamsim.config.scenarios.bodies import SolverConfig
 from slamsim.config.sensors import EncoderConfig, ImuConfig, SensorsConfig
 from slamsim.core.types import Drive, FloatArray
 from slamsim.sensors.base import Site

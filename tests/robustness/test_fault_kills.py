@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from dataset_run import SHARD, end, make, runs, start, tree, workers_of
 
-from slamsim.dataset.make.engines.base import WorkEngine
+from slamsim.dataset.make.engines.local import WorkEngine
 
 pytestmark = pytest.mark.fault
 

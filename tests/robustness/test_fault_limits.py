@@ -21,14 +21,12 @@ from mcap.writer import CompressionType, Writer
 from slamsim.config.layout import ImageLayout
 from slamsim.guard.errors import InputRefused
 from slamsim.guard.files import read_input
-from slamsim.guard.image import read_gray_image
 from slamsim.guard.limits import LIMITS, Limits
 from slamsim.guard.mesh import check_mesh
 from slamsim.guard.mesh_file import check_mesh_file
-from slamsim.guard.seal import require_as_written
-from slamsim.guard.sums import sums_text
-from slamsim.guard.text import open_lines
-from slamsim.guard.unpacking import unpack
+from slamsim.guard.pictures import read_gray_image
+from slamsim.guard.seal import require_as_written, sums_text
+from slamsim.guard.unpacking import open_lines, unpack
 from slamsim.guard.urdf import check_urdf
 from slamsim.guard.yaml import load_yaml
 from slamsim.io.bag1.reader import index_bag1
@@ -36,10 +34,10 @@ from slamsim.io.bag2.sqlite import index_sqlite
 from slamsim.io.input_errors import as_input_errors
 from slamsim.io.mcap.reader import index_mcap, mcap_attachments
 from slamsim.io.parquet.file import read_table
-from slamsim.io.ros.limits import check_definitions
+from slamsim.io.ros.message_types import check_definitions
 from slamsim.sim.drive.route_file import read_route
 from slamsim.slam.mapping.saved_map import read_saved_map
-from slamsim.world.from_image import image_prisms
+from slamsim.world.map_server import image_prisms
 
 pytestmark = pytest.mark.fault
 

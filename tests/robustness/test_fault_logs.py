@@ -23,7 +23,7 @@ from slamsim.guard.errors import InputRefused, SlamsimError
 from slamsim.guard.files import read_input
 from slamsim.io.open import read_log, read_recording
 from slamsim.io.parquet.writer import ParquetLog
-from slamsim.io.text.stamps import stamp_ns_from_decimal
+from slamsim.io.text.tum import stamp_ns_from_decimal
 
 pytestmark = pytest.mark.fault
 

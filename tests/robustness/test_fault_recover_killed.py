@@ -17,7 +17,7 @@ from typed import typed
 from waiting import wait_for
 
 from slamsim.guard.output import partial_folder
-from slamsim.io.bag2.folder import MCAP_NAME
+from slamsim.io.bag2.writer import MCAP_NAME
 from slamsim.io.open import read_log, read_truth
 from slamsim.io.salvage.recover import recover
 from slamsim.io.salvage.source import damaged_recording

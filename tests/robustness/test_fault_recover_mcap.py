@@ -19,7 +19,7 @@ from mcap.writer import CompressionType
 from rosbags.rosbag2 import Reader, StoragePlugin
 
 from slamsim.guard.errors import InputRefused, NotFound
-from slamsim.io.bag2.folder import MCAP_NAME
+from slamsim.io.bag2.writer import MCAP_NAME
 from slamsim.io.open import read_log
 from slamsim.io.salvage.recover import recover
 from slamsim.io.salvage.report import Recovered

@@ -15,13 +15,14 @@ from slamsim.dataset.recipe.sequence import SequenceFacts
 from slamsim.guard.errors import DataDamaged, NotFound
 from slamsim.guard.files import open_as_found, open_input
 from slamsim.guard.output import partial_folder
-from slamsim.guard.seal import require_as_written, seal_in
-from slamsim.guard.sums import (
+from slamsim.guard.seal import (
     SEQUENCE,
     SUMS,
     SumsDamaged,
     read_sequence,
     read_sums,
+    require_as_written,
+    seal_in,
     sequence_text,
     sha256_of,
     sums_text,

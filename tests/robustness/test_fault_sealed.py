@@ -20,7 +20,7 @@ from slamsim.dataset.recipe.loading import load_recipe
 from slamsim.dataset.store.store import open_store
 from slamsim.guard.errors import DataDamaged
 from slamsim.guard.output import partial_folder
-from slamsim.guard.sums import SUMS, sums_text
+from slamsim.guard.seal import SUMS, sums_text
 from slamsim.io.open import read_log, read_recording
 from slamsim.io.text.tum import write_tum
 from slamsim.run.folder import write_map

@@ -36,8 +36,8 @@ from slamsim.dataset.store.store import open_store
 from slamsim.guard.errors import InputRefused, Locked, SlamsimError
 from slamsim.guard.lock import locked
 from slamsim.guard.output import partial_folder, write_atomic
+from slamsim.guard.seal import SUMS
 from slamsim.guard.staging import restore
-from slamsim.guard.sums import SUMS
 from slamsim.io.open import read_recording
 from slamsim.io.salvage.recover import recover
 from slamsim.io.salvage.source import damaged_recording

@@ -20,7 +20,7 @@ from typed import typed
 from slamsim.console.reporter import Reporter
 from slamsim.guard.errors import NotFound
 from slamsim.guard.output import partial_folder
-from slamsim.guard.sums import SUMS
+from slamsim.guard.seal import SUMS
 from slamsim.io.open import checked_recording
 from slamsim.run.verifying import verify_and_tell, verify_path
 

@@ -26,8 +26,7 @@ from slamsim.check.questions.laser.gain import turn_gain
 from slamsim.check.questions.laser.heading import heading_by_path
 from slamsim.config.drive import LimitsConfig
 from slamsim.core.types import FloatArray, PlanarTrajectory
-from slamsim.dataset.catalogue.manifest import manifest
-from slamsim.dataset.catalogue.statistics import statistics
+from slamsim.dataset.catalogue.statistics import manifest, statistics
 from slamsim.dataset.recipe.distributions import Integers, LogUniform, Normal, Uniform
 from slamsim.evaluate.bound import TrajectoryBound, trajectory_bound
 from slamsim.models.jackknife import jackknife

@@ -19,7 +19,6 @@ from slamsim.config.measurements import MeasurementsConfig, load_measurements
 from slamsim.config.robot import RobotConfig
 from slamsim.core.types import FloatArray
 from slamsim.guard.errors import InputRefused, NotFound
-from slamsim.scenarios.identify.figures import Body
 from slamsim.scenarios.identify.fit import (
     Experiment,
     FigurePrediction,
@@ -27,8 +26,15 @@ from slamsim.scenarios.identify.fit import (
     foreseen,
     most_likely,
 )
-from slamsim.scenarios.identify.model import VARYING, Wheels, driven, wheels_of
-from slamsim.scenarios.identify.parameters import KNOWN_BEFOREHAND, space_with
+from slamsim.scenarios.identify.model import (
+    KNOWN_BEFOREHAND,
+    VARYING,
+    Body,
+    Wheels,
+    driven,
+    space_with,
+    wheels_of,
+)
 from slamsim.scenarios.identify.robot import robot_at, varied
 from slamsim.sim.drive.script import Command
 from slamsim.sim.robot.as_built import drawn_robot

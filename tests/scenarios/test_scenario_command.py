@@ -18,8 +18,7 @@ from slamsim.config.dump import dump_commented_yaml
 from slamsim.config.scenarios.loading import load_scenarios, parts_of
 from slamsim.console.reporter import Reporter
 from slamsim.guard.errors import InputRefused, NotFound, OverrideRefused
-from slamsim.run.scenario import run_and_report
-from slamsim.run.scenario_folder import rows_as_csv, write_results
+from slamsim.run.scenario import rows_as_csv, run_and_report, write_results
 from slamsim.scenarios.registry import ENTRIES, Entry, find_entries
 from slamsim.scenarios.run import Chosen, run_scenarios
 

@@ -14,10 +14,14 @@ from hypothesis import strategies as st
 
 from slamsim.config.base import Config
 from slamsim.config.robot import RobotConfig
-from slamsim.config.scenarios.friction_turn import BoxConfig, FrictionTurnConfig
 from slamsim.config.scenarios.loading import load_scenarios
-from slamsim.config.scenarios.mu_split import MuSplitConfig
-from slamsim.config.scenarios.ramp import HandConfig, RampConfig
+from slamsim.config.scenarios.robots import (
+    BoxConfig,
+    FrictionTurnConfig,
+    HandConfig,
+    MuSplitConfig,
+    RampConfig,
+)
 from slamsim.guard.errors import SlamsimError
 from slamsim.scenarios.base import Findings, Outcome, Scenario, Verdict
 from slamsim.scenarios.physics import friction_turn, mu_split, ramp

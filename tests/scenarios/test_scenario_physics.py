@@ -20,15 +20,17 @@ from slamsim.config.base import Config
 from slamsim.config.drive import PhysicsConfig
 from slamsim.config.loading import load_model
 from slamsim.config.robot import RobotConfig
-from slamsim.config.scenarios.collision import CollisionConfig
-from slamsim.config.scenarios.integrator import IntegratorConfig
-from slamsim.config.scenarios.solver import SolverConfig
-from slamsim.config.scenarios.stacking import StackingConfig
+from slamsim.config.scenarios.bodies import (
+    CollisionConfig,
+    IntegratorConfig,
+    SolverConfig,
+    StackingConfig,
+)
 from slamsim.core.types import GRAVITY_M_S2, FloatArray
 from slamsim.guard.errors import OverrideRefused
 from slamsim.scenarios.base import Scenario
 from slamsim.scenarios.physics import collision, integrator, stacking
-from slamsim.scenarios.physics.sphere_drop import face_normals, penetrations_m, start_places
+from slamsim.scenarios.physics.collision import face_normals, penetrations_m, start_places
 from slamsim.sim.bodies import BurstApart, FreeBodies
 from slamsim.sim.drive.script import Command, scripted_run
 from slamsim.sim.ground import Ground

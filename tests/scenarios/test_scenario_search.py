@@ -7,9 +7,9 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamsim.config.scenarios.solver import StepsConfig
+from slamsim.config.scenarios.bodies import StepsConfig
 from slamsim.scenarios.physics.stacking import IN_A_ROW, largest_passing, smallest_failing
-from slamsim.scenarios.trend import largest_below, trend
+from slamsim.scenarios.rows import largest_below, trend
 
 
 def test_steps_are_free_of_rounding() -> None:

@@ -15,8 +15,7 @@ from scenario_small import STACKS, holds, plain, run_all
 from slamsim.core.geometry import matrix_from_rpy, xyzw_from_matrix
 from slamsim.scenarios.base import Outcome
 from slamsim.scenarios.physics import stacking
-from slamsim.scenarios.physics.stack_run import StackRun, run_stack
-from slamsim.scenarios.physics.stack_sway import leaving_of, sway_of
+from slamsim.scenarios.physics.stack_run import StackRun, leaving_of, run_stack, sway_of
 from slamsim.scenarios.physics.stacking import IN_A_ROW
 
 

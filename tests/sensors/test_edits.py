@@ -22,8 +22,7 @@ from slamsim.recording.edits.messages import select, with_sequence_numbers
 from slamsim.recording.repairs.apply import OPERATIONS, apply_repairs
 from slamsim.recording.repairs.base import Repair
 from slamsim.sensors import faults
-from slamsim.sensors.faults.apply import injected
-from slamsim.sensors.faults.registry import kinds, load_fault
+from slamsim.sensors.faults.registry import injected, kinds, load_fault
 
 MADE = example()
 SECOND_NS = 1_000_000_000

@@ -33,8 +33,7 @@ from slamsim.recording import (
 )
 from slamsim.recording.edits.base import CannotEdit
 from slamsim.recording.edits.messages import with_sequence_numbers
-from slamsim.sensors.faults.apply import injected
-from slamsim.sensors.faults.registry import bundled_faults, kinds, load_fault
+from slamsim.sensors.faults.registry import bundled_faults, injected, kinds, load_fault
 
 NAMES = bundled_names("configs/faults")
 BEAMS, PERIOD_NS = 181, 100_000_000

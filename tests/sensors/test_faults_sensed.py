@@ -12,9 +12,8 @@ from slamsim.config.sensors import SensorsConfig
 from slamsim.core.geometry import matrix_from_xyzw
 from slamsim.core.types import Float32Array, FloatArray, IntArray
 from slamsim.recording import RawScans, Recording
-from slamsim.sensors.faults.apply import declared, faulty_sensors
 from slamsim.sensors.faults.base import Fault, SensedFault
-from slamsim.sensors.faults.registry import kinds, load_fault
+from slamsim.sensors.faults.registry import declared, faulty_sensors, kinds, load_fault
 from slamsim.sensors.motion import Motion
 from slamsim.sensors.rig import SensorRig
 from slamsim.simulation.header import LogHeader

@@ -27,8 +27,7 @@ from slamsim.core.geometry import matrix_from_rpy, se3_from_parts
 from slamsim.core.types import Drive, FloatArray, OutsideTimeRange, TriangleMesh
 from slamsim.sensors.base import Site
 from slamsim.sensors.lidar import Lidar, scan_geometry
-from slamsim.sensors.motion import Motion, joined
-from slamsim.sensors.rays import beam_rays
+from slamsim.sensors.motion import Motion, beam_rays, joined
 from slamsim.sensors.scene import Scene
 
 WIDE = PERFECT_LIDAR.model_copy(

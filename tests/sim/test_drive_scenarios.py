@@ -10,13 +10,10 @@ import pytest
 from slamsim.config.drive import PhysicsConfig
 from slamsim.config.measurements import load_measurements
 from slamsim.config.robot import VariationConfig
-from slamsim.config.scenarios.basic_drive import BasicDriveConfig
-from slamsim.config.scenarios.defaults import SCENARIO_ROBOT
-from slamsim.config.scenarios.umbmark import UmbmarkConfig
+from slamsim.config.scenarios.robots import SCENARIO_ROBOT, BasicDriveConfig, UmbmarkConfig
 from slamsim.scenarios.base import Findings, Outcome
 from slamsim.scenarios.physics.basic_drive import SCENARIO as BASIC_DRIVE
-from slamsim.scenarios.scripts import square_commands, straight_commands
-from slamsim.scenarios.tested import robots_under_test
+from slamsim.scenarios.scripted import robots_under_test, square_commands, straight_commands
 from slamsim.scenarios.umbmark.scenario import SCENARIO as UMBMARK
 
 COARSE = PhysicsConfig(rate_hz=120, solver_iterations=20)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slamsim.config.scenarios.solver import SolverConfig
+from slamsim.config.scenarios.bodies import SolverConfig
 from slamsim.core.types import GRAVITY_M_S2, FloatArray
 from slamsim.sim import bodies
 from slamsim.sim.bodies import BodySurroundings, Box, BurstApart, FreeBodies, Sphere, free_bodies

@@ -15,8 +15,8 @@ from slamsim.config.loading import load_run_config, load_world_config
 from slamsim.config.robot import RobotConfig
 from slamsim.config.run import RunConfig
 from slamsim.config.scenarios.loading import load_scenarios
-from slamsim.config.scenarios.umbmark import UmbmarkConfig
-from slamsim.scenarios.tested import robots_under_test
+from slamsim.config.scenarios.robots import UmbmarkConfig
+from slamsim.scenarios.scripted import robots_under_test
 from slamsim.sensors.faults.registry import chosen_fault
 from slamsim.sim.drive.route_file import PoseRoute, read_route
 from slamsim.sim.robot.model import build_robot

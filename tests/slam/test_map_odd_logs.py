@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from slamsim.cli.main import app
 from slamsim.core.types import Float32Array, FloatArray
-from slamsim.io.ros.limits import inflate
+from slamsim.io.ros.message_types import inflate
 from slamsim.process.exit_codes import run_command
 
 BEAMS, COUNT = 181, 60

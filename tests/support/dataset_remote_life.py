@@ -12,7 +12,7 @@ from dataset_run import tree
 
 import slamsim.dataset
 from slamsim.dataset.catalogue.verify import verify
-from slamsim.dataset.make.engines.base import WorkEngine
+from slamsim.dataset.make.engines.local import WorkEngine
 from slamsim.dataset.make.make import make_dataset
 from slamsim.dataset.recipe.distributions import Constant
 from slamsim.dataset.recipe.loading import load_recipe

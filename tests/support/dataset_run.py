@@ -15,12 +15,11 @@ from pathlib import Path
 
 from dataset_stub import Stub, draw
 
-from slamsim.dataset.make.engines.base import WorkEngine
-from slamsim.dataset.make.engines.local import LocalEngine
-from slamsim.dataset.make.execute import execute
+from slamsim.dataset.make.engines.local import LocalEngine, WorkEngine
 from slamsim.dataset.make.identity import Identity
+from slamsim.dataset.make.make import execute
 from slamsim.dataset.make.production import DatasetSummary, Order
-from slamsim.dataset.make.progress import ProductionWatch, Unwatched
+from slamsim.dataset.make.shard import ProductionWatch, Unwatched
 from slamsim.dataset.store.store import Store, open_store
 from slamsim.process.exit_codes import run_command
 

@@ -6,8 +6,7 @@ import shutil
 from pathlib import Path
 from typing import Self
 
-from slamsim.dataset.make.engines.base import Answer, WorkEngine
-from slamsim.dataset.make.engines.local import LocalEngine
+from slamsim.dataset.make.engines.local import Answer, LocalEngine, WorkEngine
 from slamsim.dataset.make.make import make_dataset
 from slamsim.dataset.make.shard import ShardTask
 from slamsim.dataset.recipe.distributions import Constant

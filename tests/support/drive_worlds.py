@@ -9,8 +9,7 @@ import shapely
 
 from slamsim.world.model import FloorPatch, World
 from slamsim.world.parts import Parts
-from slamsim.world.prism import Prism, prism_mesh
-from slamsim.world.solids import PrismSolids
+from slamsim.world.prism import Prism, PrismSolids, prism_mesh
 
 
 def world_of(

@@ -7,14 +7,12 @@ from typing import Any
 import numpy as np
 import shapely
 
-from slamsim.config.looks import LooksConfig
+from slamsim.config.layout import LooksConfig
 from slamsim.core.types import BoolArray, Float32Array, FloatArray, IntArray
-from slamsim.world.looks.build import build_looks
-from slamsim.world.looks.looks import Looks
+from slamsim.world.looks.build import Looks, build_looks
 from slamsim.world.model import World
 from slamsim.world.parts import Parts
-from slamsim.world.prism import Prism, prism_mesh
-from slamsim.world.solids import PrismSolids
+from slamsim.world.prism import Prism, PrismSolids, prism_mesh
 
 
 def room(half_m: float = 2.0, height_m: float = 1.5, seed: int = 0) -> World:

@@ -15,9 +15,9 @@ import numpy as np
 
 from slamsim.core.geometry import xyzw_from_yaw
 from slamsim.guard.errors import InputRefused
-from slamsim.guard.text import open_lines
+from slamsim.guard.unpacking import open_lines
 from slamsim.io.formats import Contents, Format, Truth, register
-from slamsim.io.text.stamps import stamp_ns_from_decimal
+from slamsim.io.text.tum import stamp_ns_from_decimal
 from slamsim.recording import RawOdometry, RawScans, Recording, ScanLayout, TransformEdge
 from slamsim.recording.cleaning.rising_stamps import epoch_of
 

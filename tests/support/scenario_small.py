@@ -6,10 +6,13 @@ import math
 from typing import TypeVar
 
 from slamsim.config.base import Config
-from slamsim.config.scenarios.collision import CollisionConfig
-from slamsim.config.scenarios.integrator import IntegratorConfig
-from slamsim.config.scenarios.solver import SolverConfig, StepsConfig
-from slamsim.config.scenarios.stacking import StackingConfig
+from slamsim.config.scenarios.bodies import (
+    CollisionConfig,
+    IntegratorConfig,
+    SolverConfig,
+    StackingConfig,
+    StepsConfig,
+)
 from slamsim.scenarios.base import Findings, Outcome, Scenario
 
 COARSE = StepsConfig(first_s=0.02, last_s=0.03, by_s=0.01)

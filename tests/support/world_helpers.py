@@ -14,9 +14,8 @@ from slamsim.config.world import WorldConfig
 from slamsim.core.types import BoolArray, TriangleMesh
 from slamsim.world.build import build_world
 from slamsim.world.model import World
-from slamsim.world.prism import Prism
+from slamsim.world.prism import Prism, PrismSolids
 from slamsim.world.raster import Raster
-from slamsim.world.solids import PrismSolids
 
 PLAIN: dict[str, Any] = {
     "maze": {"rows": 4, "columns": 5, "dead_ends_opened": 0.0, "walls_removed": 0.0},

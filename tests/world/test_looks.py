@@ -10,11 +10,11 @@ from looks_example import looks_of, nothing_between, points_on, room
 from pydantic import ValidationError
 from world_helpers import world
 
-from slamsim.config.looks import LooksConfig
+from slamsim.config.layout import LooksConfig
 from slamsim.core.types import BoolArray, Float32Array, FloatArray
 from slamsim.guard.numbers import BadNumbers
+from slamsim.world.looks.finishes import MATERIALS, MaterialId
 from slamsim.world.looks.lamps import light_of, lit_by
-from slamsim.world.looks.materials import MATERIALS, MaterialId
 from slamsim.world.parts import WALL
 
 PX_M = 0.004

@@ -7,15 +7,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamsim.world.looks.noise import (
+from slamsim.world.looks.patterns import (
+    Pattern,
     line_share,
+    pattern_at,
     random_at,
     rough_noise,
     smooth_noise,
     span_share,
     visible,
 )
-from slamsim.world.looks.patterns import Pattern, pattern_at
 
 
 @given(

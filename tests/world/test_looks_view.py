@@ -11,7 +11,7 @@ from looks_example import looks_of, room
 from world_helpers import PLAIN
 
 from slamsim.cameras.lens import pinhole
-from slamsim.config.looks import LooksConfig
+from slamsim.config.layout import LooksConfig
 from slamsim.config.run import RunConfig
 from slamsim.core.types import FloatArray
 from slamsim.run.cameras.world_view import view_png

@@ -14,24 +14,21 @@ from hypothesis import strategies as st
 from looks_example import looks_of, room
 from world_helpers import PLAIN, world
 
-from slamsim.config.looks import Split
-from slamsim.config.looks.walls import PostersConfig, tags_in
+from slamsim.config.layout import PostersConfig, Split, tags_in
 from slamsim.config.run import RunConfig
 from slamsim.config.world import WorldConfig
 from slamsim.core.geometry import matrix_from_xyzw
 from slamsim.core.types import Float32Array, FloatArray
 from slamsim.simulation.own_files import write_world
 from slamsim.world.build import build_world
+from slamsim.world.looks.build import Looks
 from slamsim.world.looks.decals import Decal, decal_table
 from slamsim.world.looks.families import FAMILIES, draw_finish
-from slamsim.world.looks.finishes import split_share
-from slamsim.world.looks.looks import Looks
-from slamsim.world.looks.materials import MaterialId
+from slamsim.world.looks.finishes import MaterialId, split_share
 from slamsim.world.looks.paint import _decal_colour
 from slamsim.world.looks.places import Place
 from slamsim.world.looks.posters import hang_posters, poster_pixels
-from slamsim.world.looks.tags import Tag, tag_pixels
-from slamsim.world.looks.tags_file import tags_yaml
+from slamsim.world.looks.tags import Tag, tag_pixels, tags_yaml
 from slamsim.world.model import World
 from slamsim.world.parts import WALL
 

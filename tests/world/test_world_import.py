@@ -20,7 +20,7 @@ from slamsim.config.world import WorldConfig
 from slamsim.core.types import BoolArray
 from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
 from slamsim.world.build import build_world
-from slamsim.world.from_image import outline_cells
+from slamsim.world.map_server import outline_cells
 from slamsim.world.model import World
 
 Image = NDArray[np.uint8]

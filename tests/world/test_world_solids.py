@@ -11,9 +11,17 @@ from world_helpers import covered_cells, unmatched_edges
 
 from slamsim.core.types import BoolArray, FloatArray, TriangleMesh
 from slamsim.world.mesh_solids import MeshSolids
-from slamsim.world.prism import Prism, circle, merge_prisms, moved, polygons_of, prism_mesh
+from slamsim.world.prism import (
+    Prism,
+    PrismSolids,
+    Solids,
+    circle,
+    merge_prisms,
+    moved,
+    polygons_of,
+    prism_mesh,
+)
 from slamsim.world.raster import Raster, rasterise
-from slamsim.world.solids import PrismSolids, Solids
 
 
 def volume(mesh: TriangleMesh) -> float:

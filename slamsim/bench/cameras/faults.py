@@ -19,7 +19,7 @@ from slamsim.console.reporter import Reporter
 from slamsim.core.randomness import random_stream
 from slamsim.guard.output import partial_folder
 from slamsim.io.cameras.survey import read_with_cameras
-from slamsim.run.faulting import inject_faults
+from slamsim.run.fixing import inject_faults
 from slamsim.sensors.faults.registry import load_fault
 from slamsim.simulation.simulate import simulate
 

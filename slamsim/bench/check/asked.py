@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
-from slamsim.bench.alone import Children
 from slamsim.bench.check.campaign import CheckCampaign, run_campaign
 from slamsim.bench.check.independent import IndependentCampaign, generator_folder, run_independent
-from slamsim.bench.check.outcome import Json
-from slamsim.bench.check.real import recordings_at
+from slamsim.bench.check.outcome import Json, recordings_at
+from slamsim.bench.logs import Children
 from slamsim.check.check import check_recording
 from slamsim.config.faults import typed_choices
 from slamsim.config.loading import load_run_config

@@ -11,19 +11,21 @@ from pathlib import Path
 
 import numpy as np
 
-from slamsim.bench.alone import Children
-from slamsim.bench.check.outcome import CheckOutcome, Json, outcome_of
-from slamsim.bench.check.real import run_recording
-from slamsim.bench.check.summary import run_line, summarise, summary_tables
-from slamsim.bench.check.trials import (
+from slamsim.bench.check.outcome import (
+    CheckOutcome,
     CheckTrial,
+    Json,
     clean_trial,
     curve_trials,
     fault_trials,
+    outcome_of,
     pair_trials,
     require_known_names,
+    run_recording,
 )
+from slamsim.bench.check.summary import run_line, summarise, summary_tables
 from slamsim.bench.check.truth import truths
+from slamsim.bench.logs import Children
 from slamsim.config.bundled import bundled_names
 from slamsim.config.loading import load_run_config
 from slamsim.config.run import RunConfig

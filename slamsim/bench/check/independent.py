@@ -22,10 +22,10 @@ from typing import Any, cast
 import numpy as np
 
 import slamsim
-from slamsim.bench.alone import Children
 from slamsim.bench.check.outcome import Json, Measured, measured_in, pairs_with_truth
 from slamsim.bench.check.repaired import fixed_words, repaired, summarise_repaired
 from slamsim.bench.check.summary import coverage_of, coverage_row
+from slamsim.bench.logs import Children
 from slamsim.check.check import check_recording
 from slamsim.check.registry import CHECKER_ERROR
 from slamsim.console.reporter import Reporter
@@ -241,7 +241,9 @@ def summarise_independent(rows: Sequence[Json]) -> Json:
         for sort in ("fault", "pair", "clean", "mutation")
     }
     harmful = [row for row in of["mutation"] if row.get("expected") or "error" in row]
-    coverage = coverage_of(_pair(pair) for row in rows for pair in _dicts(row.get("measured")))
+    coverage = coverage_of(
+        _pair(pair) for row in rows for pair in cast(list[Json], row.get("measured") or [])
+    )
     stated = sum(cast(int, one["count"]) for one in coverage.values())
     held = sum(cast(int, one["count"]) * cast(float, one["inside"]) for one in coverage.values())
     return {
@@ -265,10 +267,6 @@ def summarise_independent(rows: Sequence[Json]) -> Json:
         ),
         "rows": sorted(rows, key=lambda row: str(row["case"])),
     }
-
-
-def _dicts(rows: object) -> list[Json]:
-    return cast(list[Json], rows or [])
 
 
 def _pair(stored: Json) -> tuple[Measured, float]:

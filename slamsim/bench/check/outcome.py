@@ -1,22 +1,31 @@
-"""Result of the checker on one trial, as storable numbers and names."""
+"""Trials of each drive (healthy, with one fault or two, over fault sizes), and what the checker
+says."""
 
 from __future__ import annotations
 
+import difflib
+import itertools
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from pydantic import TypeAdapter
 
-from slamsim.bench.check.trials import CheckTrial
 from slamsim.bench.check.truth import Truth
 from slamsim.check.check import check_recording
 from slamsim.check.findings import CheckReport, Finding
+from slamsim.check.registry import registry
 from slamsim.check.wording import JSON_VERDICTS
+from slamsim.core.randomness import random_stream
+from slamsim.guard.errors import SlamsimError, shown
+from slamsim.io.open import read_recording
 from slamsim.recording import Recording
 from slamsim.recording.edits.base import CannotEdit
+from slamsim.run.naming import recording_name
 from slamsim.sensors.faults.base import Fault
+from slamsim.sensors.faults.registry import injected
 
 Json = dict[str, object]
 
@@ -137,3 +146,107 @@ def _measured(finding: Finding) -> Measured | None:
         estimate.unit,
         estimate.bound,
     )
+
+
+CLEAN = "clean"
+
+
+@dataclass(frozen=True, slots=True)
+class CheckTrial:
+    """Faults to put into a drive, and what sort of trial it is: clean, fault, pair or curve."""
+
+    sort: str
+    faults: tuple[Fault, ...]
+
+    @property
+    def name(self) -> str:
+        """Unique among the trials of a drive."""
+        if self.sort == "curve":
+            return ",".join(f"{fault.name}:{fault.size:g}" for fault in self.faults)
+        return "+".join(fault.name for fault in self.faults) or CLEAN
+
+
+def clean_trial() -> CheckTrial:
+    return CheckTrial("clean", ())
+
+
+def fault_trials(faults: Sequence[Fault]) -> list[CheckTrial]:
+    return [CheckTrial("fault", (fault,)) for fault in faults]
+
+
+def require_known_names(faults: Sequence[Fault]) -> None:
+    """Raises SlamsimError for a fault that names another which no question can report."""
+    known = registry().faults
+    for fault in faults:
+        for name in (fault.expects, *fault.also, *fault.hides):
+            if name not in known:
+                near = difflib.get_close_matches(name, known, n=1)
+                hint = f"; did you mean {near[0]!r}?" if near else ""
+                raise SlamsimError(
+                    f"the fault {fault.name} expects {shown(name)}, "
+                    f"which the checker cannot report{hint}"
+                )
+
+
+def curve_trials(faults: Sequence[Fault]) -> list[CheckTrial]:
+    """Each fault with each of its sizes."""
+    return [CheckTrial("curve", (f.with_size(size),)) for f in faults for size in f.sizes]
+
+
+def pair_trials(faults: Sequence[Fault], count: int, seed: int) -> list[CheckTrial]:
+    """So many random pairs whose faults can both be told, as far as there are any."""
+    pairs = [pair for pair in itertools.combinations(faults, 2) if Fault.told_apart(*pair)]
+    rng = random_stream(seed, "bench check", "pairs")
+    chosen = rng.choice(len(pairs), size=min(count, len(pairs)), replace=False) if pairs else ()
+    return [CheckTrial("pair", pairs[int(one)]) for one in chosen]
+
+
+def recordings_at(path: Path) -> tuple[Path, ...]:
+    """The recording itself, or all that lie in a folder of recordings.
+
+    A folder with ``metadata.yaml``, or one named ``log`` in it, is one recording.
+    """
+    if not path.is_dir() or any((path / name).exists() for name in ("metadata.yaml", "log")):
+        return (path,)
+    return tuple(sorted(one for one in path.rglob("*") if _may_be_recording(one)))
+
+
+def run_recording(path: Path, faults: Sequence[Fault]) -> Json:
+    """As it is, and with each fault on top; what it says as it is counts as no invention."""
+    recording = read_recording(path)
+    as_it_is = _checked(clean_trial(), recording)
+    faulty = [_on_top(trial, recording, as_it_is) for trial in fault_trials(faults)]
+    told = replace(as_it_is, sort="real")
+    return {
+        "drive": recording_name(str(path)),
+        "world": "real",
+        "lidar": recording.format,
+        "outcomes": [one.as_json() for one in (told, *faulty)],
+    }
+
+
+def _checked(trial: CheckTrial, recording: Recording) -> CheckOutcome:
+    return outcome_of(trial, lambda faults: injected(recording, faults, seed=0), {})
+
+
+def _on_top(trial: CheckTrial, recording: Recording, as_it_is: CheckOutcome) -> CheckOutcome:
+    """What a recording has anyhow cannot be found anew."""
+    if set(as_it_is.said) & {fault.expects for fault in trial.faults}:
+        return outcome_of(trial, _has_it_already, {})
+    outcome = _checked(trial, recording)
+    return replace(outcome, also=_joined(outcome.also, as_it_is.said))
+
+
+def _has_it_already(faults: Sequence[Fault]) -> Recording:
+    raise CannotEdit(f"it has {' and '.join(fault.expects for fault in faults)} already")
+
+
+def _joined(one: Iterable[str], other: Iterable[str]) -> tuple[str, ...]:
+    return tuple(sorted({*one, *other}))
+
+
+_SUFFIXES = (".mcap", ".bag", ".db3", ".clf", ".log", ".gz", ".bz2")
+
+
+def _may_be_recording(path: Path) -> bool:
+    return path.is_file() and path.suffix.lower() in _SUFFIXES

@@ -9,9 +9,15 @@ import numpy as np
 from slamsim.config.run import RunConfig
 from slamsim.config.sensors import EncoderConfig
 from slamsim.sensors.faults.base import Fault
-from slamsim.sensors.faults.beam_times import BeamTimeReversed, BeamTimeScale, FlashScanTimed
 from slamsim.sensors.faults.imu import GyroScale
-from slamsim.sensors.faults.laser import LaserAngleStep, LaserMount, LaserPosition
+from slamsim.sensors.faults.laser import (
+    BeamTimeReversed,
+    BeamTimeScale,
+    FlashScanTimed,
+    LaserAngleStep,
+    LaserMount,
+    LaserPosition,
+)
 from slamsim.sensors.faults.ranges import RangeOffset
 from slamsim.sensors.faults.stamps import TimeOffset
 from slamsim.sensors.faults.wheels import WheelRadius, WheelTrack

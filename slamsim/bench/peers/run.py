@@ -11,9 +11,8 @@ from typing import cast
 
 import numpy as np
 
-from slamsim.bench.alone import Children
-from slamsim.bench.peers.base import Peer, PeerScan
-from slamsim.bench.peers.entries import ENTRIES, PeerEntry
+from slamsim.bench.logs import Children
+from slamsim.bench.peers.base import ENTRIES, Peer, PeerEntry, PeerScan
 from slamsim.config.slam import SlamConfig
 from slamsim.console.reporter import Reporter
 from slamsim.core.types import FloatArray, Log, PlanarTrajectory, Scan, ScanGeometry

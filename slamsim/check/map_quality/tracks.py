@@ -17,7 +17,7 @@ from slamsim.check.motion.planar_track import planar_track, track_at
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawOdometry, Recording, TransformEdge
 from slamsim.recording.frame_graph import FrameGraph
-from slamsim.recording.repairs.heading import base_rotation
+from slamsim.recording.repairs.readings import base_rotation
 
 LEAST_SAMPLES = 8
 _AS_REPORTED = np.array([1.0 if name.endswith("_gain") else 0.0 for name in UNKNOWNS])

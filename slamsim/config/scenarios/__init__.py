@@ -1,1 +1,1 @@
-"""One module per scenario: its parameters, with the values of the study as defaults."""
+"""Parameters of the scenarios, with the values of the study as defaults."""

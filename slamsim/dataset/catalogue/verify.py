@@ -14,8 +14,7 @@ from dataclasses import dataclass
 from functools import partial
 
 from slamsim.core.progress import Progress, silent
-from slamsim.dataset.catalogue.manifest import MANIFEST
-from slamsim.dataset.make.again import make_again, require_same_software
+from slamsim.dataset.catalogue.statistics import MANIFEST
 from slamsim.dataset.make.identity import IDENTITY, read_identity
 from slamsim.dataset.make.sequence_check import (
     EXTRA,
@@ -24,13 +23,15 @@ from slamsim.dataset.make.sequence_check import (
     check_sequence,
     file_faults,
     is_hidden,
+    make_again,
+    require_same_software,
 )
 from slamsim.dataset.make.shard import MADE
 from slamsim.dataset.recipe.sequence import SPLITS
+from slamsim.dataset.store.lazy_table import Row, rows_from_parquet
 from slamsim.dataset.store.place import Location
-from slamsim.dataset.store.table import Row, rows_from_parquet
 from slamsim.guard.errors import InputRefused, NotFound
-from slamsim.guard.sums import SUMS, SumsDamaged, read_sums
+from slamsim.guard.seal import SUMS, SumsDamaged, read_sums
 
 _AT_ONCE = 256
 """So many sequences, of perhaps a million, are handed to the readers at a time."""

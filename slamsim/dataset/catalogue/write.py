@@ -15,18 +15,16 @@ import pyarrow.compute as pc
 
 from slamsim.config.dump import dump_commented_yaml
 from slamsim.dataset.catalogue.card import data_card, licence_text
-from slamsim.dataset.catalogue.manifest import MANIFEST, joined, manifest
-from slamsim.dataset.catalogue.statistics import statistics
-from slamsim.dataset.make.identity import IDENTITY, RECIPE
+from slamsim.dataset.catalogue.statistics import MANIFEST, joined, manifest, statistics
+from slamsim.dataset.make.identity import IDENTITY, RECIPE, versions
 from slamsim.dataset.make.shard import MADE, shard_path
-from slamsim.dataset.make.versions import versions
 from slamsim.dataset.recipe.model import Recipe
 from slamsim.dataset.recipe.preview import contact_sheet
 from slamsim.dataset.store.images import IMAGES_OF
+from slamsim.dataset.store.lazy_table import table_from_parquet, table_to_parquet
 from slamsim.dataset.store.store import READERS, Store
-from slamsim.dataset.store.table import table_from_parquet, table_to_parquet
 from slamsim.guard.errors import StoreFailed
-from slamsim.guard.sums import SUMS, SumsDamaged, read_sums, sha256_of, sums_text
+from slamsim.guard.seal import SUMS, SumsDamaged, read_sums, sha256_of, sums_text
 
 STATISTICS = "statistics.json"
 

@@ -20,9 +20,8 @@ from slamsim.io.staged_writer import StagedWriter
 from slamsim.io.text.kitti import KittiFolder
 from slamsim.io.text.tum import write_tum
 from slamsim.recording import RawScans, RawStream, Recording, ScanLayout
-from slamsim.recording.mountings import declared_laser_mounting
-from slamsim.sensors.motion import Motion, joined, kept_since
-from slamsim.sensors.rays import beam_rays
+from slamsim.recording.frames import declared_laser_mounting
+from slamsim.sensors.motion import Motion, beam_rays, joined, kept_since
 from slamsim.simulation.tails import TruthTail
 
 TRUTH_RATE_HZ = 50.0

@@ -1,19 +1,23 @@
-"""Identity of a data set: ``dataset.yaml``, written before anything else."""
+"""Identity of a data set: ``dataset.yaml``, written before anything else, and software versions."""
 
 from __future__ import annotations
 
+import platform
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Protocol
 
 import yaml
 
-from slamsim.dataset.make.versions import difference, versions
+from slamsim import __version__
 from slamsim.dataset.store.store import Store
 from slamsim.guard.errors import InputRefused, SlamsimError, shown
-from slamsim.guard.sums import SUMS, SumsDamaged, read_sums, sha256_of
+from slamsim.guard.seal import SUMS, SumsDamaged, read_sums, sha256_of
 from slamsim.guard.yaml import parse_yaml
+from slamsim.process.instructions import has_avx2
 
 IDENTITY, RECIPE = "dataset.yaml", "recipe.yaml"
 _KIND = "slamsim data set 1"
@@ -132,3 +136,49 @@ def _first_difference(found: Mapping[str, Any], identity: Identity) -> str:
         if recipe.get(key) != identity.recipe.get(key):
             return f"{key} of its recipe is {shown(recipe.get(key))}"
     return "its recipe is another"
+
+
+_PACKAGES = (
+    "numpy",
+    "scipy",
+    "numba",
+    "pybullet",
+    "open3d-cpu",
+    "open3d",
+    "shapely",
+    "trimesh",
+    "opencv-python-headless",
+    "pyarrow",
+    "mcap",
+    "rosbags",
+    "zstandard",
+    "pydantic",
+    "pyyaml",
+    "matplotlib",
+)
+
+
+@cache
+def versions() -> Mapping[str, str]:
+    """Name and version of all that has a part in the bytes of a data set, here."""
+    found = {"slamsim": __version__, "python": platform.python_version()}
+    for package in _PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            continue
+    return {**found, "libc": " ".join(platform.libc_ver()), "machine": _machine()}
+
+
+def _machine() -> str:
+    lacking = platform.machine() == "x86_64" and not has_avx2()
+    return f"{platform.system()} {platform.machine()}{' without AVX2' if lacking else ''}"
+
+
+def difference(ours: Mapping[str, str], theirs: Mapping[str, str]) -> str:
+    """In which the two differ, as words; empty if in nothing."""
+    names = [name for name in {**ours, **theirs} if ours.get(name) != theirs.get(name)]
+    return ", ".join(
+        f"{name} {theirs.get(name, 'missing')} instead of {ours.get(name, 'none')}"
+        for name in names
+    )

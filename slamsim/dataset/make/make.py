@@ -1,4 +1,5 @@
-"""Makes a data set from a recipe: locks the destination and makes missing sequences."""
+"""Makes a data set from a recipe: locks the destination, makes missing sequences, reports
+progress."""
 
 from __future__ import annotations
 
@@ -7,13 +8,11 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 from slamsim.dataset.catalogue.write import write_catalogue
-from slamsim.dataset.make.engines.base import WorkEngine
-from slamsim.dataset.make.execute import execute
-from slamsim.dataset.make.identity import RECIPE, Identity
+from slamsim.dataset.make.engines.local import WorkEngine
+from slamsim.dataset.make.identity import RECIPE, Identity, claim, require_place_for
 from slamsim.dataset.make.produce import produce
-from slamsim.dataset.make.production import DatasetSummary, Order
-from slamsim.dataset.make.progress import ProductionWatch, Unwatched
-from slamsim.dataset.make.shard import LIMIT_S
+from slamsim.dataset.make.production import DatasetSummary, Order, Production
+from slamsim.dataset.make.shard import LIMIT_S, ProductionWatch, Unwatched
 from slamsim.dataset.recipe.distributions import edges
 from slamsim.dataset.recipe.draw import sequence_spec
 from slamsim.dataset.recipe.model import Recipe
@@ -86,3 +85,32 @@ def _command(source: str, count: int, out: str) -> Callable[[int], str]:
     words = ["slamsim", "dataset", "make", source, "-n", str(count), "--out", out]
     text = shlex.join(words)
     return lambda index: f"{text} --only {index}"
+
+
+def execute(
+    order: Order,
+    identity: Identity,
+    store: Store,
+    engine: WorkEngine,
+    watch: ProductionWatch,
+    require_room: Callable[[int], None] | None = None,
+    only: Sequence[int] | None = None,
+    catalogue: Callable[[Store], None] | None = None,
+) -> DatasetSummary:
+    """As ``make_dataset``, for sequences of any kind.
+
+    require_room: raises DiskFull. catalogue: writes what stands beside the sequences.
+    """
+    require_place_for(store, identity)
+    with store.owned():
+        require_place_for(store, identity)
+        with engine:
+            production = Production(order, store, engine, watch, only)
+            if require_room is not None:
+                require_room(production.left())
+            claim(store, identity)
+            summary = production.run()
+            if only is None and catalogue is not None:
+                watch.catalogue()
+                catalogue(store)
+            return summary

@@ -22,25 +22,24 @@ from slamsim.dataset.make.formats import IMAGE_FOLDERS, Formats, write_image_fol
 from slamsim.dataset.make.pictures import write_pictures
 from slamsim.dataset.recipe.sequence import FileFact, SequenceFacts, SequenceSpec
 from slamsim.dataset.truth.write import Truth
+from slamsim.io import LOG
 from slamsim.io.copy.rewrite import rewrite_recording
-from slamsim.io.names import LOG
 from slamsim.recording import RawStream, Recording
 from slamsim.recording.edits.messages import with_sequence_numbers
-from slamsim.sensors.faults.apply import declared, faulty_sensors
 from slamsim.sensors.faults.base import Fault
-from slamsim.sensors.faults.registry import chosen_fault
+from slamsim.sensors.faults.registry import chosen_fault, declared, faulty_sensors
 from slamsim.sensors.motion import PoseOverride, joined
 from slamsim.sensors.readings import Readings
 from slamsim.sensors.rig import SensorRig
 from slamsim.sim.drive.route import plan_route
 from slamsim.sim.drive.run import DriveRun, drive
 from slamsim.sim.robot.model import RobotModel, build_robot
-from slamsim.simulation.appearance import appearance_of, in_pieces
 from slamsim.simulation.driven import plain_log
 from slamsim.simulation.header import log_header
 from slamsim.simulation.log_writer import LogWriter
 from slamsim.simulation.own_files import write_config, write_world
 from slamsim.simulation.recorder import DriveRecorder
+from slamsim.simulation.simulate import appearance_of, in_pieces
 from slamsim.world.build import build_world
 from slamsim.world.model import World
 

@@ -12,21 +12,21 @@ from datetime import UTC, datetime
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from slamsim.dataset.make.engines.base import Answer, WorkEngine
-from slamsim.dataset.make.progress import ProductionWatch
+from slamsim.dataset.make.engines.local import Answer, WorkEngine
+from slamsim.dataset.make.identity import versions
 from slamsim.dataset.make.shard import (
     MADE,
     Draw,
     Produce,
+    ProductionWatch,
     Row,
     ShardTask,
     Tried,
     failed_row,
     shard_path,
 )
-from slamsim.dataset.make.versions import versions
+from slamsim.dataset.store.lazy_table import rows_to_parquet, table_from_parquet, table_to_parquet
 from slamsim.dataset.store.store import READERS, Store
-from slamsim.dataset.store.table import rows_to_parquet, table_from_parquet, table_to_parquet
 from slamsim.guard.errors import SlamsimError
 from slamsim.process.worker import WorkerDied
 

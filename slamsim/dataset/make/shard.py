@@ -14,13 +14,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from pathlib import Path
+from typing import Protocol
 
-from slamsim.dataset.make.versions import difference, versions
+from slamsim.dataset.make.identity import difference, versions
 from slamsim.dataset.recipe.sequence import Cell, SequenceFacts, SequenceSpec
 from slamsim.dataset.store.store import Store, open_store
 from slamsim.guard.errors import DiskFull, SlamsimError, StoreFailed, reason_of
 from slamsim.guard.output import disk_full, write_atomic
-from slamsim.guard.sums import SEQUENCE, SumsDamaged, read_sequence, sequence_text, sha256_of
+from slamsim.guard.seal import SEQUENCE, SumsDamaged, read_sequence, sequence_text, sha256_of
 from slamsim.process.worker import Unworkable, time_limit
 
 MADE, FAILED = "made", "failed"
@@ -187,3 +188,41 @@ def _reason(error: Exception, places: Sequence[str]) -> str:
 
 def _trace(error: Exception) -> str:
     return "" if isinstance(error, SlamsimError) else "".join(traceback.format_exception(error))
+
+
+class ProductionWatch(Protocol):
+    """A listener; called from the thread that runs the production."""
+
+    def begin(self, total: int, already: int) -> None:
+        """So many sequences there are to be; so many of them were there."""
+
+    def made(self, tried: Tried) -> None:
+        """One more is there."""
+
+    def tried(self, index: int, reason: str, tries: int) -> None:
+        """One did not succeed and will be tried again."""
+
+    def failed(self, index: int, reason: str, command: str) -> None:
+        """One is given up."""
+
+    def still(self) -> None:
+        """Nothing has happened for a moment."""
+
+    def catalogue(self) -> None:
+        """Every sequence is there or given up; now what stands beside them is written."""
+
+
+class Unwatched:
+    """The listener that does nothing."""
+
+    def begin(self, total: int, already: int) -> None: ...
+
+    def made(self, tried: Tried) -> None: ...
+
+    def tried(self, index: int, reason: str, tries: int) -> None: ...
+
+    def failed(self, index: int, reason: str, command: str) -> None: ...
+
+    def still(self) -> None: ...
+
+    def catalogue(self) -> None: ...

@@ -15,14 +15,16 @@ from slamsim.config.faults import FaultChoice
 from slamsim.config.layers import Place, Tree
 from slamsim.config.run import RunConfig
 from slamsim.core.randomness import random_bits, random_share
-from slamsim.dataset.recipe.compose import DRAWN, Bases, composed
 from slamsim.dataset.recipe.distributions import Distribution, Listed, pick
 from slamsim.dataset.recipe.model import (
+    DRAWN,
     PARTS,
+    Bases,
     FaultMix,
     FaultVariant,
     Recipe,
     Splits,
+    composed,
     shares_to_parts,
 )
 from slamsim.dataset.recipe.sequence import SPLITS, Cell, SequenceSpec, Split

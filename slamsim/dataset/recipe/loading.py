@@ -22,10 +22,18 @@ from slamsim.config.loading import SECTIONS, located, section_tree, validated, w
 from slamsim.config.robot import RobotConfig
 from slamsim.config.run import RunConfig
 from slamsim.config.world import WorldConfig
-from slamsim.dataset.recipe.compose import DRIVE, WORLD, Bases, key_path
 from slamsim.dataset.recipe.distributions import edges
 from slamsim.dataset.recipe.draw import Draft, draw
-from slamsim.dataset.recipe.model import FaultVariant, Recipe, Source, Vary
+from slamsim.dataset.recipe.model import (
+    DRIVE,
+    WORLD,
+    Bases,
+    FaultVariant,
+    Recipe,
+    Source,
+    Vary,
+    key_path,
+)
 from slamsim.dataset.recipe.probes import edge_drafts, tried
 from slamsim.dataset.recipe.sequence import ImageFormat
 from slamsim.guard.errors import NotFound, SlamsimError, shown

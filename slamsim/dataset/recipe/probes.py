@@ -10,10 +10,9 @@ from pydantic import ValidationError
 
 from slamsim.config.loading import validated
 from slamsim.config.run import RunConfig
-from slamsim.dataset.recipe.compose import Bases
 from slamsim.dataset.recipe.distributions import Distribution, edges
 from slamsim.dataset.recipe.draw import Draft, config_tree, draw, in_order
-from slamsim.dataset.recipe.model import Recipe
+from slamsim.dataset.recipe.model import Bases, Recipe
 from slamsim.guard.errors import SlamsimError
 
 

@@ -17,18 +17,17 @@ from numpy.typing import NDArray
 
 from slamsim.config.run import RunConfig
 from slamsim.core.types import BoolArray, IntArray, Log
-from slamsim.dataset.catalogue.manifest import read_manifest
+from slamsim.dataset.catalogue.statistics import read_manifest
 from slamsim.dataset.make.shard import MADE
 from slamsim.dataset.recipe.sequence import SPLITS, Cell
-from slamsim.dataset.store.frames import Frames, frames_of, nearest_images
-from slamsim.dataset.store.images import ImageTable
+from slamsim.dataset.store.images import Frames, ImageTable, frames_of, nearest_images
 from slamsim.dataset.store.lazy_table import LazyTable
 from slamsim.dataset.store.place import Location
 from slamsim.dataset.truth.read import SequenceTruth, Span
 from slamsim.guard.errors import NotFound, SlamsimError, shown
 from slamsim.guard.files import own_file
 from slamsim.guard.yaml import parse_yaml
-from slamsim.io.names import LOG, TABLES
+from slamsim.io import LOG, TABLES
 from slamsim.io.parquet.reader import stream_of
 from slamsim.recording import RawImu, RawOdometry, RawScans, RawStream, RawTicks
 from slamsim.simulation.own_files import CONFIG

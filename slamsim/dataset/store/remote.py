@@ -18,7 +18,7 @@ from fsspec.core import url_to_fs
 
 from slamsim.dataset.store.place import turn
 from slamsim.guard.errors import Locked, SlamsimError, StoreFailed
-from slamsim.guard.sums import SEQUENCE
+from slamsim.guard.seal import SEQUENCE
 
 LOCK = ".slamsim-lock.json"
 _KIND = "lock of a data set"

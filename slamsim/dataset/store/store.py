@@ -24,9 +24,8 @@ from slamsim.guard.errors import Locked, NotFound, SlamsimError, StoreFailed, sh
 from slamsim.guard.files import open_as_found, own_file
 from slamsim.guard.lock import claimed, locked, staging_of
 from slamsim.guard.output import free_bytes, sync_tree, write_atomic, written_to
-from slamsim.guard.seal import files_in
+from slamsim.guard.seal import SEQUENCE, files_in
 from slamsim.guard.staging import is_staging, make_staging, remove_staging, sync
-from slamsim.guard.sums import SEQUENCE
 
 READERS = 16
 """An object store answers slowly, but many at a time."""

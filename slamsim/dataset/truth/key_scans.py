@@ -12,8 +12,7 @@ from slamsim.config.lidar import LidarConfig
 from slamsim.core.geometry import se3_from_parts, wrap_angle
 from slamsim.core.types import Drive, FloatArray, IntArray
 from slamsim.dataset.truth.surfaces import TrueSurfaces
-from slamsim.sensors.motion import Motion, PoseOverride, PoseSamples, joined, kept_since
-from slamsim.sensors.rays import beam_rays
+from slamsim.sensors.motion import Motion, PoseOverride, PoseSamples, beam_rays, joined, kept_since
 from slamsim.sensors.readings import ScanBatch
 
 EVERY_M, EVERY_RAD = 0.5, np.radians(30.0)

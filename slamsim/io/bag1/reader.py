@@ -18,7 +18,7 @@ from slamsim.guard.errors import Excessive
 from slamsim.guard.files import open_input, require_magic
 from slamsim.guard.limits import LIMITS, Limits
 from slamsim.io.input_errors import damaged
-from slamsim.io.ros.limits import inflate
+from slamsim.io.ros.message_types import inflate
 
 MAGIC = b"#ROSBAG V2.0\n"
 MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = (bytes([op]) for op in range(2, 8))

@@ -12,7 +12,7 @@ import yaml
 
 from slamsim.guard.errors import InputRefused
 from slamsim.guard.yaml import parse_yaml
-from slamsim.io.ros.standard_types import ros2_types
+from slamsim.io.ros.message_types import ros2_types
 
 METADATA = "metadata.yaml"
 OFFERED_QOS, TYPE_HASH = "offered_qos_profiles", "topic_type_hash"

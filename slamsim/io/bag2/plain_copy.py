@@ -8,7 +8,7 @@ from typing import Any, Final, Self
 
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
-from slamsim.io.ros.standard_types import ros2_types
+from slamsim.io.ros.message_types import ros2_types
 
 _VERSION: Final = 9
 

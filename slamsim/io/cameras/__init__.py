@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from slamsim.guard.errors import InputRefused, NotFound
-from slamsim.io.cameras.base import Cameras
-from slamsim.io.cameras.folders import FolderCameras, ImageList
+from slamsim.io.cameras.base import Cameras, FolderCameras, ImageList
 from slamsim.io.cameras.layouts import (
     asl_lists,
     asl_root,

@@ -19,7 +19,7 @@ from slamsim.io.cameras.base import Cameras
 from slamsim.io.cameras.writers import EurocFolder, TumRgbdFolder, in_frame
 from slamsim.io.open import OpenRecording, open_recording
 from slamsim.recording import TransformEdge
-from slamsim.recording.mountings import BASE_FRAME, known_mounting, tree_of
+from slamsim.recording.frames import BASE_FRAME, known_mounting, tree_of
 
 Layout = Literal["tum", "euroc"]
 LAYOUTS: tuple[Layout, ...] = ("tum", "euroc")

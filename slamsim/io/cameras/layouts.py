@@ -13,11 +13,11 @@ from slamsim.cameras.frames import CameraClaim
 from slamsim.core.types import FloatArray
 from slamsim.guard.errors import InputRefused, shown
 from slamsim.guard.files import own_file, read_input, require_inside
-from slamsim.guard.text import open_lines
+from slamsim.guard.unpacking import open_lines
 from slamsim.guard.yaml import load_yaml
-from slamsim.io.cameras.folders import ImageList
+from slamsim.io.cameras.base import ImageList
 from slamsim.io.input_errors import as_input_errors
-from slamsim.io.text.stamps import stamp_ns_from_decimal
+from slamsim.io.text.tum import stamp_ns_from_decimal
 
 TUM_UNIT_M = 1.0 / 5000.0
 """Of depths in TUM RGB-D (Sturm et al. 2012): 5000 in an image is 1 m."""

@@ -18,8 +18,7 @@ from slamsim.core.types import FloatArray, IntArray, Trajectory
 from slamsim.guard.pictures import JPEG_MAGIC
 from slamsim.io.cameras.layouts import TUM_UNIT_M
 from slamsim.io.staged_writer import StagedWriter
-from slamsim.io.text.stamps import decimal_from_stamp_ns
-from slamsim.io.text.tum import write_tum
+from slamsim.io.text.tum import decimal_from_stamp_ns, write_tum
 
 GROUND_TRUTH = "groundtruth.txt"
 _ASL_NAMES = {"plumb_bob": "radial-tangential", "equidistant": "equidistant"}
@@ -136,7 +135,12 @@ class EurocFolder(StagedWriter):
 
     def _finish(self) -> None:
         for name, lines in self._lines.items():
-            text = "".join(["#timestamp [ns],filename\n", *sorted(lines, key=_stamp)])
+            text = "".join(
+                [
+                    "#timestamp [ns],filename\n",
+                    *sorted(lines, key=lambda line: int(line.partition(",")[0])),
+                ]
+            )
             (self._root / name / "data.csv").write_text(text, encoding="ascii")
 
 
@@ -188,7 +192,3 @@ def calibration_yaml(name: str, model: CameraModel) -> str:
 
 def _listed(values: list[float]) -> str:
     return f"[{', '.join(repr(float(value)) for value in values)}]"
-
-
-def _stamp(line: str) -> int:
-    return int(line.partition(",")[0])

@@ -16,8 +16,7 @@ from slamsim.core.geometry import (
     xyzw_from_yaw,
 )
 from slamsim.core.types import Float32Array, FloatArray, IntArray
-from slamsim.io.carmen.content import CarmenContent, collect
-from slamsim.io.carmen.lines import Fan, LaserLine, OdomLine
+from slamsim.io.carmen.lines import CarmenContent, Fan, LaserLine, OdomLine, collect
 from slamsim.recording import (
     RawOdometry,
     RawScans,
@@ -50,7 +49,9 @@ def read_carmen(path: Path) -> Recording:
     origin_ns = _logger_start_ns(content)
     lasers = content.lasers
     odometries = [
-        _odometry(name, lines, origin_ns) for name, lines in lasers.items() if _has_poses(lines)
+        _odometry(name, lines, origin_ns)
+        for name, lines in lasers.items()
+        if all(line.T_odom_base is not None for line in lines)
     ]
     unread = _unread(content, origin_ns) if odometries else ()
     if content.odometry and not odometries:
@@ -73,10 +74,6 @@ def _unread(content: CarmenContent, origin_ns: int | None) -> tuple[UnreadTopic,
     reason = "the laser lines carry the odometry"
     stream = _odometry(_ODOM, content.odometry, origin_ns)
     return (UnreadTopic(_ODOM, _ODOM, len(content.odometry), reason, stream),)
-
-
-def _has_poses(lines: Sequence[LaserLine]) -> bool:
-    return all(line.T_odom_base is not None for line in lines)
 
 
 def _logger_start_ns(content: CarmenContent) -> int | None:
@@ -159,16 +156,12 @@ def _odometry(
         stamps_ns=_stamps_ns(lines),
         received_ns=_received_ns(lines, origin_ns),
         child_frame_ids=(_BASE_FRAME,),
-        positions_m=_flat(poses),
+        positions_m=np.column_stack([poses[:, :2], np.zeros(len(poses))]),
         quats_xyzw=xyzw_from_yaw(poses[:, 2]),
         linear_m_s=linear,
         angular_rad_s=angular,
         yaws_rad=poses[:, 2],
     )
-
-
-def _flat(poses: FloatArray) -> FloatArray:
-    return np.column_stack([poses[:, :2], np.zeros(len(poses))])
 
 
 def _edge(

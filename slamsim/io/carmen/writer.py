@@ -18,9 +18,9 @@ from slamsim.core.types import Float32Array, FloatArray, IntArray, PlanarTraject
 from slamsim.guard.numbers import is_sound
 from slamsim.io.carmen.lines import sick_fan
 from slamsim.io.staged_writer import StagedWriter
-from slamsim.io.text.stamps import decimal_from_stamp_ns
+from slamsim.io.text.tum import decimal_from_stamp_ns
 from slamsim.recording import RawScans, Recording, ScanLayout
-from slamsim.recording.mountings import declared_laser_mounting
+from slamsim.recording.frames import declared_laser_mounting
 
 _HOST = "slamsim"
 _SAME_FAN_RAD = 1e-4

@@ -17,16 +17,18 @@ from typing import Any
 from slamsim.core.types import IntArray
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.yaml import load_yaml
-from slamsim.io.bag2.folder import METADATA_RECORD
 from slamsim.io.bag2.metadata import METADATA, topics_announced
+from slamsim.io.bag2.writer import METADATA_RECORD
 from slamsim.io.copy.changes import (
+    Row,
+    TopicPlan,
     changes_between,
     new_edges,
     parts_with_origin,
+    plans,
     transform_messages,
 )
 from slamsim.io.copy.images import InfoChange, info_changes
-from slamsim.io.copy.plan import Row, TopicPlan, plans
 from slamsim.io.copy.shared_clocks import StampMap, header_topics, stamp_maps, stamp_of, with_stamp
 from slamsim.io.copy.writers import Bag1Copy, Bag2Copy, Copy, Message, Spool
 from slamsim.io.input_errors import as_input_errors

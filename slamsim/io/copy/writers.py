@@ -19,7 +19,6 @@ from mcap.writer import Writer
 from rosbags.rosbag1 import Writer as Bag1Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from slamsim.io.bag2.folder import MCAP_NAME, described
 from slamsim.io.bag2.metadata import (
     METADATA,
     OFFERED_QOS,
@@ -30,9 +29,9 @@ from slamsim.io.bag2.metadata import (
     quality_of_service,
     topic_as_declared,
 )
-from slamsim.io.ros.message_types import normal_type_name
+from slamsim.io.bag2.writer import MCAP_NAME, described
+from slamsim.io.ros.message_types import normal_type_name, ros2_types
 from slamsim.io.ros.sources import Declaration
-from slamsim.io.ros.standard_types import ros2_types
 from slamsim.io.staged_writer import StagedWriter
 from slamsim.recording.row_store import IN_MEMORY_BYTES, large_files_folder
 from slamsim.recording.schemas import TRANSFORMS

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from slamsim.guard.text import open_lines
-from slamsim.guard.unpacking import is_packed
+from slamsim.guard.unpacking import is_packed, open_lines
 from slamsim.io.carmen.reader import read_carmen
 from slamsim.io.formats import Contents, Format, Truth, register
 

@@ -25,7 +25,7 @@ from slamsim.guard.files import open_input, require_magic
 from slamsim.guard.limits import LIMITS, Limits
 from slamsim.io.input_errors import damaged
 from slamsim.io.mcap.framing import MAGIC
-from slamsim.io.ros.limits import inflate
+from slamsim.io.ros.message_types import inflate
 
 RECORD_HEAD = Struct("<BQ")
 MESSAGE_HEAD = Struct("<HIQQ")

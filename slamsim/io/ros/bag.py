@@ -21,7 +21,7 @@ from slamsim.io.bag1.reader import index_bag1, sampled_bag1
 from slamsim.io.bag2.sqlite import index_sqlite
 from slamsim.io.input_errors import as_input_errors, damaged
 from slamsim.io.mcap.reader import McapIndex, index_mcap
-from slamsim.io.mcap.sample import sampled_mcap
+from slamsim.io.mcap.summary import sampled_mcap
 from slamsim.io.ros.sources import (
     Bag1Source,
     Channel,

@@ -15,8 +15,7 @@ from slamsim.io.ros.bag import Bag, open_bag
 from slamsim.recording import RawScans, RecordedTopic, Recording
 from slamsim.recording.cleaning.rising_stamps import epoch_of
 from slamsim.recording.clouds import CloudSlicer, CloudsWanted, Place
-from slamsim.recording.frames import FrameTree, frame_name
-from slamsim.recording.mountings import known_mounting, likely_base
+from slamsim.recording.frames import FrameTree, frame_name, known_mounting, likely_base
 from slamsim.recording.sweeps import Points
 
 _BATCH_BYTES = 16 << 20

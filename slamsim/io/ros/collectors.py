@@ -14,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamsim.core.types import IntArray
-from slamsim.io.ros.cdr import CdrLayout
 from slamsim.io.ros.columns import Alike, Opened, alike, at_place, layout_for
-from slamsim.io.ros.layouts import columns_of, message_layout, shape_of
-from slamsim.process.memory import return_freed_memory
+from slamsim.io.ros.layouts import CdrLayout, columns_of, message_layout, shape_of
+from slamsim.process.children import return_freed_memory
 from slamsim.recording import (
     Origin,
     RawJoints,

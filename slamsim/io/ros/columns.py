@@ -10,8 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamsim.core.types import IntArray
-from slamsim.io.ros.cdr import CDR_LITTLE_ENDIAN, CdrLayout, Rows
-from slamsim.io.ros.layouts import columns_of, message_layout, shape_of
+from slamsim.io.ros.layouts import (
+    CDR_LITTLE_ENDIAN,
+    CdrLayout,
+    Rows,
+    columns_of,
+    message_layout,
+    shape_of,
+)
 from slamsim.recording.schemas import Field, Schema
 
 LayoutOf = Callable[[Any], CdrLayout]

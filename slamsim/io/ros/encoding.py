@@ -15,8 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamsim.core.types import Float32Array, IntArray
-from slamsim.io.ros.cdr import CdrLayout, Rows, set_stamps
-from slamsim.io.ros.layouts import Constants, columns_of, message_layout
+from slamsim.io.ros.layouts import (
+    CdrLayout,
+    Constants,
+    Rows,
+    columns_of,
+    message_layout,
+    set_stamps,
+)
 from slamsim.recording import (
     RawImu,
     RawJoints,

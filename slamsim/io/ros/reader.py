@@ -14,9 +14,9 @@ import numpy as np
 from slamsim.core.types import Epoch
 from slamsim.guard.errors import InputRefused
 from slamsim.guard.unpacking import PACKINGS
+from slamsim.io import LOG
 from slamsim.io.formats import Contents, Survey, TopicFacts, Truth
 from slamsim.io.input_errors import as_input_errors
-from slamsim.io.names import LOG
 from slamsim.io.ros.bag import Bag, open_bag
 from slamsim.io.ros.collectors import (
     ClockCollector,

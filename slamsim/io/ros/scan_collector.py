@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamsim.core.types import Float32Array, FloatArray, IntArray
-from slamsim.io.ros.cdr import CdrLayout
 from slamsim.io.ros.collectors import Collector
 from slamsim.io.ros.columns import Alike, Opened, layout_for
+from slamsim.io.ros.layouts import CdrLayout
 from slamsim.recording import Origin, RawScans, ScanLayout
 from slamsim.recording.row_store import RowStore
 from slamsim.recording.schemas import LASER_LAYOUT, SCANS

@@ -17,8 +17,7 @@ import numpy as np
 from rosbags.interfaces import Nodetype
 
 from slamsim.guard.errors import SlamsimError, shown
-from slamsim.io.ros.message_types import normal_type_name
-from slamsim.io.ros.standard_types import ros2_types
+from slamsim.io.ros.message_types import normal_type_name, ros2_types
 
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 _HEADER = "std_msgs/msg/Header"

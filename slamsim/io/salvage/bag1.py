@@ -21,16 +21,15 @@ from slamsim.io.bag1.reader import (
     MESSAGE,
     records_in_chunk,
 )
-from slamsim.io.salvage.bag1_connection import Connection, connection
 from slamsim.io.salvage.bag1_salvage import (
     Bag1Salvage,
+    Connection,
     Piece,
     WholeBag1Chunk,
+    connection,
 )
-from slamsim.io.salvage.pieces import Gap, LoneMessage
-from slamsim.io.salvage.readable import DecodableMessages
-from slamsim.io.salvage.report import Recovered, RecoveryReport, recovered
-from slamsim.io.salvage.source import Damaged
+from slamsim.io.salvage.report import DecodableMessages, Recovered, RecoveryReport, recovered
+from slamsim.io.salvage.source import Damaged, Gap, LoneMessage
 
 _UNKNOWN = "messages that nothing describes any more, or that are damaged"
 

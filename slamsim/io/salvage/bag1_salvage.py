@@ -1,4 +1,4 @@
-"""Finds the intact records of a damaged ROS 1 bag.
+"""Finds the intact records and connections of a damaged ROS 1 bag.
 
 The format has no checksums (only bz2 has its own), so a record is whole if its header and its
 lengths are sound. A chunk that is not compressed, whole or not, is walked through like the file
@@ -13,8 +13,11 @@ from collections import Counter
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from struct import iter_unpack
+
+from rosbags.typesys import Stores, get_typestore
 
 from slamsim.guard.limits import LIMITS
 from slamsim.io.bag1.reader import (
@@ -29,8 +32,59 @@ from slamsim.io.bag1.reader import (
     header_fields,
     records_in_chunk,
 )
-from slamsim.io.salvage.bag1_connection import Connection, connection
-from slamsim.io.salvage.pieces import DamagedFile, LoneMessage
+from slamsim.io.ros.message_types import check_definitions, normal_type_name, register
+from slamsim.io.salvage.source import DamagedFile, LoneMessage
+
+
+@dataclass(frozen=True, slots=True)
+class Connection:
+    """record: with its header."""
+
+    number: int
+    topic: str
+    type_name: str
+    definition: str
+    md5sum: str
+    record: bytes
+
+    def fits_its_hash(self) -> bool:
+        """Whether the definition is the one whose MD5 stands beside it.
+
+        A bag describes a connection twice, so that one of them may be damaged.
+        """
+        return _md5sum(normal_type_name(self.type_name), self.definition) == self.md5sum
+
+
+@lru_cache(maxsize=256)
+def _md5sum(name: str, definition: str) -> str | None:
+    """As ROS 1 computes it; None for a definition that cannot be."""
+    try:
+        check_definitions([(name, definition)])
+        store = get_typestore(Stores.EMPTY)
+        register(store, name, "ros1msg", definition)
+        return store.generate_msgdef(name, ros_version=1)[1]
+    except Exception:
+        return None
+
+
+def connection(fields: dict[bytes, bytes], record: bytes, data: int) -> Connection:
+    """The one in a record with this header, whose data begin at byte ``data``.
+
+    Raises ValueError if it is none.
+    """
+    described = header_fields(record[data:])
+    texts = {name: described.get(name, b"").decode() for name in (b"type", b"message_definition")}
+    if not texts[b"type"]:
+        raise ValueError("a connection without a type")
+    return Connection(
+        int.from_bytes(fields[b"conn"], "little"),
+        fields[b"topic"].decode(),
+        texts[b"type"],
+        texts[b"message_definition"],
+        described.get(b"md5sum", b"").decode(),
+        record,
+    )
+
 
 Fields = dict[bytes, bytes]
 

@@ -18,16 +18,15 @@ from mcap.opcode import Opcode
 from slamsim.core.progress import Progress
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.yaml import load_yaml
-from slamsim.io.bag2.folder import METADATA_RECORD
 from slamsim.io.bag2.metadata import METADATA, BagFile, Topic, bag_metadata, topic_as_declared
 from slamsim.io.bag2.sqlite import unpacked_message
+from slamsim.io.bag2.writer import METADATA_RECORD
 from slamsim.io.mcap.reader import MESSAGE_HEAD, RECORD_HEAD
-from slamsim.io.ros.standard_types import ros2_types
+from slamsim.io.ros.message_types import ros2_types
 from slamsim.io.salvage.mcap_filler import McapFiller
 from slamsim.io.salvage.mcap_salvage import McapSalvage, Piece, WholeMcapChunk
-from slamsim.io.salvage.pieces import Gap, LoneMessage
 from slamsim.io.salvage.report import Recovered, RecoveryReport, recovered
-from slamsim.io.salvage.source import Damaged, is_sqlite
+from slamsim.io.salvage.source import Damaged, Gap, LoneMessage, is_sqlite
 from slamsim.io.salvage.sqlite_salvage import LARGEST_ID, Row, SqliteSalvage
 
 
@@ -197,7 +196,9 @@ def _declare(salvage: SqliteSalvage, filler: McapFiller) -> dict[int, int]:
     schemas: dict[str, int] = {}
     topics = salvage.rows("topics", f"name, type, serialization_format, {', '.join(columns)}")
     for number, name, kind, encoding, qos, type_hash in topics:
-        if len(channels) == _MOST_CHANNELS or not all(map(_is_text, (name, kind, encoding))):
+        if len(channels) == _MOST_CHANNELS or not all(
+            isinstance(each, str) for each in (name, kind, encoding)
+        ):
             continue
         if kind not in schemas:
             is_standard = kind in store.fielddefs and type_hash in ("", store.hash_rihs01(kind))
@@ -211,10 +212,6 @@ def _declare(salvage: SqliteSalvage, filler: McapFiller) -> dict[int, int]:
         channel = records.Channel(channels[number], name, encoding, metadata, schemas[kind])
         filler.declare(channel)
     return channels
-
-
-def _is_text(value: object) -> bool:
-    return isinstance(value, str)
 
 
 def _definitions(salvage: SqliteSalvage) -> dict[str, tuple[str, str]]:

@@ -13,9 +13,8 @@ from slamsim.core.progress import Progress
 from slamsim.guard.errors import Excessive, InputRefused
 from slamsim.guard.files import open_as_found
 from slamsim.guard.limits import LIMITS, Limits
-from slamsim.guard.text import require_proportion
-from slamsim.io.carmen.content import MEASURING, parse_line
-from slamsim.io.carmen.lines import LaserLine, OdomLine
+from slamsim.guard.unpacking import require_proportion
+from slamsim.io.carmen.lines import MEASURING, LaserLine, OdomLine, parse_line
 from slamsim.io.salvage.report import Recovered, RecoveryReport, recovered
 from slamsim.io.salvage.source import Damaged
 from slamsim.io.salvage.text_pieces import BZIP2_MAGIC, GZIP_MAGIC, Hole, Text, text_pieces

@@ -18,8 +18,7 @@ from slamsim.io.mcap.framing import McapStream
 from slamsim.io.mcap.reader import MESSAGE_HEAD, RECORD_HEAD, records_in
 from slamsim.io.mcap.summary import Declaration, declaration
 from slamsim.io.mcap.writer import CHUNK_BYTES, ZSTD_LEVEL
-from slamsim.io.salvage.readable import DecodableMessages
-from slamsim.io.salvage.report import RecoveryReport
+from slamsim.io.salvage.report import DecodableMessages, RecoveryReport
 
 _Place = tuple[int, int, int, int]
 """(channel, log time, first byte, end) of a message record in its chunk."""

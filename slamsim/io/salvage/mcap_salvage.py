@@ -29,7 +29,7 @@ from slamsim.io.mcap.summary import (
     summary_of,
     whole_record,
 )
-from slamsim.io.salvage.pieces import DamagedFile, LoneMessage
+from slamsim.io.salvage.source import DamagedFile, LoneMessage
 
 _CHUNK_SHAPE = re.compile(
     rb"\x06(?=.{4}\0{4}.{28}(?:\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0|\x04\0\0\0none).{8})",

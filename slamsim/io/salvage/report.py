@@ -1,4 +1,8 @@
-"""Recovered and lost messages of a damaged recording, per topic."""
+"""Recovered and lost messages of a damaged recording, per topic; whether a message decodes as its
+type.
+
+Readers refuse a recording in which a message does not decode.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from slamsim.guard.errors import shown
+from slamsim.io.ros.message_types import MessageTypes
 
 PATIENCE = 8
 """How often over the bytes of a file are looked through for records that begin in damaged ones."""
@@ -165,3 +170,35 @@ def recovered(
 
 def _printable(name: str) -> str:
     return name if name.isprintable() and len(name) <= 200 else shown(name)
+
+
+class DecodableMessages:
+    """Judges messages by the definitions of their types."""
+
+    def __init__(self) -> None:
+        self._types = MessageTypes()
+        self._known: dict[str, bool] = {}
+
+    def describe(
+        self, topic: str, type_name: str, encoding: str, written_as: str, definition: str
+    ) -> None:
+        """How the messages of a topic are serialised, and their definition, if there is one."""
+        self._types.declare(topic, type_name, encoding)
+        if definition:
+            self._types.define(type_name, written_as, definition)
+        self._known.pop(topic, None)
+
+    def __call__(self, topic: str, data: bytes) -> bool:
+        """True as well where no definition tells."""
+        if topic not in self._known:
+            try:
+                self._types.is_cdr(topic)
+                self._known[topic] = True
+            except Exception:
+                self._known[topic] = False
+        if self._known[topic]:
+            try:
+                self._types.deserialize(topic, data)
+            except Exception:
+                return False
+        return True

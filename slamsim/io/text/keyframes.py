@@ -10,8 +10,8 @@ from slamsim.core.result import PoseGraph
 from slamsim.core.types import FloatArray, PlanarTrajectory
 from slamsim.guard.errors import InputRefused
 from slamsim.guard.output import write_atomic
-from slamsim.guard.text import open_lines
-from slamsim.io.text.stamps import decimal_from_stamp_ns, stamp_ns_from_decimal
+from slamsim.guard.unpacking import open_lines
+from slamsim.io.text.tum import decimal_from_stamp_ns, stamp_ns_from_decimal
 
 HEADER = "time_s,x_m,y_m,yaw_rad,cov_xx,cov_xy,cov_xyaw,cov_yy,cov_yyaw,cov_yawyaw"
 IN_MAP = ",map_xx,map_xy,map_xyaw,map_yy,map_yyaw,map_yawyaw"

@@ -11,8 +11,8 @@ from slamsim.core.geometry import matrix_from_rpy, se3_from_parts
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.guard.errors import InputRefused
 from slamsim.guard.numbers import is_sound
-from slamsim.guard.text import open_lines
-from slamsim.io.text.stamps import stamp_ns_from_decimal
+from slamsim.guard.unpacking import open_lines
+from slamsim.io.text.tum import stamp_ns_from_decimal
 
 
 @dataclass(frozen=True, slots=True, eq=False)

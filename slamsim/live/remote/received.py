@@ -10,11 +10,11 @@ from typing import Any
 
 from slamsim.core.types import IntArray, Log
 from slamsim.guard.errors import InputRefused
-from slamsim.io.bag2.folder import TopicKind
+from slamsim.io.bag2.writer import TopicKind
 from slamsim.io.ros.bag import Bag
+from slamsim.io.ros.message_types import ros2_types
 from slamsim.io.ros.reader import is_read, read_bag
 from slamsim.io.ros.sources import HeldSource
-from slamsim.io.ros.standard_types import ros2_types
 from slamsim.io.selection import Selection, selected
 from slamsim.live.hub import Message
 from slamsim.live.slam_feed import Arrived

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from slamsim.guard.output import discard, free_bytes, partial_folder
-from slamsim.io.bag2.folder import BagFolder, TopicKind
-from slamsim.io.names import LOG
+from slamsim.io import LOG
+from slamsim.io.bag2.writer import BagFolder, TopicKind
 from slamsim.live.hub import Message
 
 RESERVE_BYTES = 128 << 20

@@ -11,10 +11,9 @@ from pathlib import Path
 
 from slamsim.config.run import RunConfig
 from slamsim.guard.errors import InputRefused, SlamsimError
-from slamsim.io.bag2.folder import TopicKind
+from slamsim.io.bag2.writer import TopicKind
 from slamsim.io.selection import EVERYTHING, Selection
-from slamsim.live.calls import Calls
-from slamsim.live.controls import Status
+from slamsim.live.controls import Calls, Status
 from slamsim.live.hub import Hub, Message
 from slamsim.live.live_map import LiveMap
 from slamsim.live.mapping import Begin, MappingProcess

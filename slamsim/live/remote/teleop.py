@@ -9,7 +9,7 @@ from threading import Condition, Thread
 
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.numbers import require_number
-from slamsim.io.bag2.folder import TopicKind
+from slamsim.io.bag2.writer import TopicKind
 from slamsim.live.controls import HOLD_S
 from slamsim.live.drivers import FASTEST
 from slamsim.live.published import SlamMessages

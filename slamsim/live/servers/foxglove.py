@@ -16,27 +16,19 @@ from foxglove.websocket import Capability, WebSocketServer
 from slamsim.live.controls import Controls
 from slamsim.live.hub import Hub, Message
 from slamsim.live.requests import SERVICES
-from slamsim.live.servers.access import Access
+from slamsim.live.servers.access import Access, not_served
 from slamsim.live.servers.foxglove_requests import ENCODINGS, Requests
 from slamsim.live.servers.front import Front, hidden_address
-from slamsim.live.servers.ports import not_served
 from slamsim.simulation.foxglove_channels import FoxgloveChannels
 
 
-def start_foxglove(
-    hub: Hub, controls: Controls, access: Access, port: int = 8765
-) -> FoxgloveServer:
-    """Serve from now until the block of what this returns ends; port 0 chooses a free one.
-
-    Raises OutputRefused where the port is taken.
-    """
-    return FoxgloveServer(hub, controls, access, port)
-
-
 class FoxgloveServer:
-    """See ``start_foxglove``. address: what is entered at "Open connection"."""
+    """Serves from when it is made until its block ends; port 0 chooses a free one.
 
-    def __init__(self, hub: Hub, controls: Controls, access: Access, port: int) -> None:
+    address: what is entered at "Open connection". Raises OutputRefused where the port is taken.
+    """
+
+    def __init__(self, hub: Hub, controls: Controls, access: Access, port: int = 8765) -> None:
         with ExitStack() as opened:
             channels = FoxgloveChannels(hub.topics.values())
             opened.callback(channels.close)

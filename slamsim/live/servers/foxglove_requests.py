@@ -17,9 +17,8 @@ from foxglove.websocket import Client, ClientChannel, StatusLevel, WebSocketServ
 
 from slamsim.guard.errors import SlamsimError, reason_of, shown
 from slamsim.guard.numbers import BadNumbers
-from slamsim.io.ros.cdr import CDR_LITTLE_ENDIAN, CdrLayout
-from slamsim.io.ros.message_types import normal_type_name
-from slamsim.io.ros.standard_types import ros2_types
+from slamsim.io.ros.layouts import CDR_LITTLE_ENDIAN, CdrLayout
+from slamsim.io.ros.message_types import normal_type_name, ros2_types
 from slamsim.live.controls import Controls, Mode, Status
 from slamsim.live.requests import SERVICES, SET_BOOL, SUBSCRIBED, Fields, publish
 from slamsim.simulation.foxglove_channels import FoxgloveChannels, Listener, ros2_schema

@@ -25,10 +25,10 @@ from websockets.http11 import Request, Response
 from slamsim.guard.errors import SlamsimError
 from slamsim.live.controls import Controls
 from slamsim.live.hub import Hub
-from slamsim.live.servers.access import Access
-from slamsim.live.servers.loop_thread import LoopThread
-from slamsim.live.servers.ports import not_served
+from slamsim.live.servers.access import Access, not_served
+from slamsim.live.servers.front import LoopThread
 from slamsim.live.servers.web.answers import (
+    Recordings,
     answer,
     has_query_token,
     in_chunks,
@@ -36,10 +36,9 @@ from slamsim.live.servers.web.answers import (
     page_answer,
     refusal,
     zip_head,
+    zipped,
 )
-from slamsim.live.servers.web.clients import Client, Newest
-from slamsim.live.servers.web.downloads import Recordings, zipped
-from slamsim.live.servers.web.requests import AnyRequest, DriveRequest
+from slamsim.live.servers.web.requests import AnyRequest, Client, DriveRequest, Newest
 from slamsim.live.servers.web.view import View
 
 FAST_S, SLOW_S, QUIET_S = 0.04, 0.5, 0.25
@@ -62,14 +61,6 @@ _log_of_sockets = logging.getLogger(f"{__name__}.sockets")
 _log_of_sockets.setLevel(logging.CRITICAL)  # what clients send is theirs, and worth no traceback
 
 
-def start_page(
-    hub: Hub, controls: Controls, access: Access, port: int = 8000, drop_s: float = DROP_S
-) -> PageServer:
-    """Serve the page from now on, on a thread of its own. port: 0 chooses a free one. Raises
-    OutputRefused where it cannot listen."""
-    return PageServer(hub, controls, access, port, drop_s)
-
-
 class _Connection(ServerConnection):
     """The library's time limit would hold for a whole download: this one is for the request."""
 
@@ -81,10 +72,13 @@ class _Connection(ServerConnection):
 
 
 class PageServer(LoopThread):
-    """Serves until its block ends."""
+    """Serves the page from when it is made until its block ends, on a thread of its own.
+
+    port: 0 chooses a free one. Raises OutputRefused where it cannot listen.
+    """
 
     def __init__(
-        self, hub: Hub, controls: Controls, access: Access, port: int, drop_s: float
+        self, hub: Hub, controls: Controls, access: Access, port: int, drop_s: float = DROP_S
     ) -> None:
         self._hub, self._controls, self._access, self._drop_s = hub, controls, access, drop_s
         self._recordings = Recordings()

@@ -16,10 +16,9 @@ import numpy as np
 
 from slamsim.core.geometry import matrix_from_xyzw, se3_from_parts
 from slamsim.core.types import FloatArray, Grid, Scan, ScanGeometry
-from slamsim.io.bag2.folder import TopicKind
-from slamsim.io.ros.standard_types import ros2_types
-from slamsim.live.hub import Hub, Message
-from slamsim.live.servers.undrawn import Undrawn
+from slamsim.io.bag2.writer import TopicKind
+from slamsim.io.ros.message_types import ros2_types
+from slamsim.live.hub import Hub, Message, Undrawn
 from slamsim.recording.schemas import TRANSFORMS
 from slamsim.report.viewer.live import LiveScene
 from slamsim.report.viewer.process import live_viewer

@@ -1,1 +1,1 @@
-"""Robots that run elsewhere, as sources of messages: ``connect.open_source``."""
+"""Robots that run elsewhere, as sources of messages: ``clients.open_source``."""

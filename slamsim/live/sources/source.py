@@ -22,7 +22,7 @@ from websockets.typing import Subprotocol
 
 from slamsim.guard.errors import InputRefused, SlamsimError, reason_of, shown
 from slamsim.guard.limits import LIMITS
-from slamsim.io.bag2.folder import TopicKind
+from slamsim.io.bag2.writer import TopicKind
 from slamsim.io.ros.values import WrongMessage
 from slamsim.live.hub import Message
 

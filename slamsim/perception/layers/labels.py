@@ -22,7 +22,7 @@ from slamsim.guard.pictures import require_size
 from slamsim.io.cameras.base import Cameras, pairs_of
 from slamsim.io.ros.bag import Bag, open_bag
 from slamsim.io.ros.images import RAW, frame_of, stamp_of
-from slamsim.io.ros.standard_types import FRAME_TRUTH
+from slamsim.io.ros.message_types import FRAME_TRUTH
 from slamsim.perception.calibrated import CameraClock
 
 ENCODINGS = {"mono8": "u1", "8UC1": "u1", "32SC1": "i4"}

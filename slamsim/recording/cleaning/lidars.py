@@ -15,8 +15,7 @@ from slamsim.recording import RawOdometry, RawScans
 from slamsim.recording.cleaning.rising_stamps import NoTime, Times, is_late, rising_times
 from slamsim.recording.cleaning.scans import RecordedScans, ScansTogether, ScanSurvey
 from slamsim.recording.cleaning.streams import planar_poses
-from slamsim.recording.frames import FrameTree
-from slamsim.recording.mountings import in_one_place, known_mounting
+from slamsim.recording.frames import FrameTree, in_one_place, known_mounting
 
 _USUAL_SPEED_M_S, _USUAL_TURN_RAD_S = 0.5, 0.5
 _LEAST_PERIOD_NS, _LONGEST_PERIOD_NS = 100_000_000, 10_000_000_000

@@ -39,9 +39,9 @@ from slamsim.recording.cleaning.streams import (
     odometry_of,
     planar_poses,
 )
-from slamsim.recording.frames import FrameTree
-from slamsim.recording.mountings import (
+from slamsim.recording.frames import (
     ODOM_FRAME,
+    FrameTree,
     base_frame_of,
     imu_mounting_of,
     laser_mounting_of,

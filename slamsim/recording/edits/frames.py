@@ -1,18 +1,23 @@
-"""Edits of transforms and of the names of frames."""
+"""Edits of transforms, of the names of frames, and of the robot description as text."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 
-from slamsim.core.geometry import matrix_from_xyzw, se3_from_parts, xyzw_from_matrix
+from slamsim.core.geometry import (
+    matrix_from_rpy,
+    matrix_from_xyzw,
+    se3_from_parts,
+    xyzw_from_matrix,
+)
 from slamsim.core.types import FloatArray
 from slamsim.recording import RawImu, RawOdometry, Recording, TransformEdge
 from slamsim.recording.edits.base import CannotEdit, Edit, MessagesEdit
-from slamsim.recording.edits.description import with_joint_origin
 from slamsim.recording.edits.messages import select
 
 EdgeFilter = Callable[[TransformEdge], bool]
@@ -231,3 +236,61 @@ def frozen_edge(edge: TransformEdge) -> TransformEdge:
         positions_m=edge.positions_m[usual],
         quats_xyzw=edge.quats_xyzw[usual],
     )
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeDescription(Edit):
+    """The robot description (URDF) changed; a text that stays as it was cannot be meant."""
+
+    change: Callable[[str], str]
+
+    def apply(self, recording: Recording) -> Recording:
+        if recording.robot_description is None:
+            raise CannotEdit(f"{recording.name} has no robot description")
+        changed = self.change(recording.robot_description)
+        if changed == recording.robot_description:
+            raise CannotEdit(f"the robot description of {recording.name} has no such part")
+        return replace(recording, robot_description=changed)
+
+
+def with_joint_origin(urdf: str, child: str, moved: Callable[[FloatArray], FloatArray]) -> str:
+    """The description with the origin of the joint to ``child`` exchanged, if it has one.
+
+    moved: from its (4, 4) T_parent_child to another.
+    """
+    joint = joint_text(urdf, child)
+    if joint is None:
+        return urdf
+    xyz, rpy = (_numbers(joint, name) for name in ("xyz", "rpy"))
+    T = moved(se3_from_parts(matrix_from_rpy(*rpy), np.array(xyz)))
+    origin = f'<origin xyz="{_text(T[:3, 3])}" rpy="{_text(_rpy(T[:3, :3]))}"/>'
+    bare = re.sub(r"<origin[^>]*/>", "", joint)
+    return urdf.replace(joint, bare.replace("<parent", f"{origin}<parent", 1))
+
+
+def joint_text(urdf: str, child: str) -> str | None:
+    """The joint element that carries this link, as it is written."""
+    for joint in re.findall(r"<joint\b.*?</joint>", urdf, flags=re.DOTALL):
+        if re.search(rf'<child\s+link="{re.escape(child)}"', joint):
+            return str(joint)
+    return None
+
+
+def _numbers(joint: str, name: str) -> list[float]:
+    origin = re.search(r"<origin[^>]*/>", joint)
+    found = re.search(rf'{name}="([^"]*)"', origin.group()) if origin else None
+    return [float(word) for word in found.group(1).split()] if found else [0.0, 0.0, 0.0]
+
+
+def _rpy(rotation: FloatArray) -> FloatArray:
+    return np.array(
+        [
+            np.arctan2(rotation[2, 1], rotation[2, 2]),
+            np.arcsin(np.clip(-rotation[2, 0], -1.0, 1.0)),
+            np.arctan2(rotation[1, 0], rotation[0, 0]),
+        ]
+    )
+
+
+def _text(values: FloatArray) -> str:
+    return " ".join(f"{value:.12g}" for value in values)

@@ -8,7 +8,7 @@ from pathlib import Path
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from slamsim.recording.outline import FramePlace
+from slamsim.recording.frame_graph import FramePlace
 from slamsim.report.figures.palette import ESTIMATE, INK, NEUTRAL, WITHDRAWN
 
 _ROW_INCHES, _COLUMN_INCHES, _MOST_INCHES = 0.42, 2.1, 100.0

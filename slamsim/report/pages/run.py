@@ -7,10 +7,8 @@ from pathlib import Path
 
 from slamsim.evaluate.relations import RelationScores, RelationStatistics
 from slamsim.guard.output import write_atomic
-from slamsim.report.figures.layers import obstacle_figure, semantic_figure
-from slamsim.report.figures.precision import held_figure
+from slamsim.report.figures.on_map import held_figure, obstacle_figure, semantic_figure
 from slamsim.report.figures.run import curve_figure, map_figure, truth_figure
-from slamsim.report.numbers import realtime_factors, report_json
 from slamsim.report.pages.check import verdicts
 from slamsim.report.pages.html import (
     Card,
@@ -26,7 +24,7 @@ from slamsim.report.pages.html import (
 )
 from slamsim.report.pages.precision_tables import precision_tables
 from slamsim.report.precision import precision_plots
-from slamsim.report.run_view import RunView
+from slamsim.report.run_view import RunView, realtime_factors, report_json
 from slamsim.report.viewer.series import Panel, plots
 
 CURVE_POINTS = 1500
@@ -44,7 +42,7 @@ def report_html(view: RunView) -> str:
         warnings([*view.doubts, *view.log.warnings, *view.result.warnings]),
         section("Map", _maps(view)),
         section("Precision", _precision(view)),
-        section("Over time", _curves(view)),
+        section("Over time", _pair(view, plots(view, CURVE_POINTS))),
         section("Trajectory", _trajectory_table(view)),
         section("Relations", _relations_table(view)),
         section("Calibration", _calibration_table(view)),
@@ -128,10 +126,6 @@ def _layers(view: RunView) -> list[str]:
         caption = f"Most frequent label of {view.layers.semantic.topic}, in metres"
         pictures.append(figure(semantic_figure(view, view.layers.semantic), caption, wide=True))
     return pictures
-
-
-def _curves(view: RunView) -> str:
-    return _pair(view, plots(view, CURVE_POINTS))
 
 
 def _precision(view: RunView) -> str:

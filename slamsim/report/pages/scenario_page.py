@@ -43,7 +43,7 @@ def _summary(results: Sequence[ScenarioResult]) -> str:
     """A row for each scenario, and every target with its number."""
     rows = "".join(
         f'<tr><td><a href="#{escape(result.name)}">{escape(result.title)}</a></td>'
-        f'<td class="dots">{_dots(result.findings.verdicts)}</td>'
+        f'<td class="dots">{"".join(mark(each.holds) for each in result.findings.verdicts)}</td>'
         f"<td>{_share(result.findings.verdicts)}</td><td>{escape(result.findings.lead)}</td></tr>"
         for result in results
     )
@@ -70,10 +70,6 @@ def _scenario(result: ScenarioResult, headed: bool) -> str:
         + details("Parameters", dump_commented_yaml(result.config))
     )
     return f'<section id="{escape(result.name)}">{body}</section>'
-
-
-def _dots(verdicts: Sequence[Verdict]) -> str:
-    return "".join(mark(verdict.holds) for verdict in verdicts)
 
 
 def _share(verdicts: Sequence[Verdict]) -> str:

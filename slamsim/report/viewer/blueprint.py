@@ -77,7 +77,7 @@ def _laid_out(parts: Sequence[Any], time: rrb.TimePanel) -> rrb.Blueprint:
 def _curve_view(shown: rr.TimeRange, plot: Panel) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
         origin=f"plots/{plot.key}",
-        name=_titled(plot.title, plot.unit),
+        name=f"{plot.title} [{plot.unit}]" if plot.unit else plot.title,
         axis_x=rrb.TimeAxis(view_range=shown),
     )
 
@@ -88,10 +88,6 @@ def _whole_run(view: RunView) -> rr.TimeRange:
         start=rr.TimeRangeBoundary.absolute(nanos=begin_ns),
         end=rr.TimeRangeBoundary.absolute(nanos=begin_ns + round(view.duration_s * 1e9)),
     )
-
-
-def _titled(title: str, unit: str) -> str:
-    return f"{title} [{unit}]" if unit else title
 
 
 def _map_view(view: RunView, name: str, contents: list[str]) -> rrb.Spatial3DView:

@@ -33,7 +33,7 @@ from slamsim.perception.calibration.rig import Sighting
 from slamsim.perception.calibration.sightings import TagViews
 from slamsim.perception.tag_families import TagKind, parse_tags
 from slamsim.recording import Recording
-from slamsim.recording.mountings import BASE_FRAME, base_frame_of, known_mounting, tree_of
+from slamsim.recording.frames import BASE_FRAME, base_frame_of, known_mounting, tree_of
 from slamsim.run.cameras import calibration_inputs as inputs
 from slamsim.run.cameras import calibration_report as report
 from slamsim.run.cameras.calibration_files import write_calibration

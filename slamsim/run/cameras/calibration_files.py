@@ -14,7 +14,7 @@ from slamsim.guard.output import write_atomic
 from slamsim.io.cameras.writers import calibration_yaml
 from slamsim.perception.calibrated import LATE, MOUNT, READOUT
 from slamsim.perception.calibration.sightings import CornerMisfits
-from slamsim.report.pages.calibration import CalibratedView, Misfits, write_calibration_report
+from slamsim.report.pages.cameras import CalibratedView, Misfits, write_calibration_report
 from slamsim.run.cameras.calibration_report import (
     Calibrated,
     CameraResult,

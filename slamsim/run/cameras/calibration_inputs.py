@@ -14,8 +14,7 @@ from slamsim.console.reporter import Reporter
 from slamsim.core.geometry import yaw_from_xyzw
 from slamsim.core.types import FloatArray, PlanarTrajectory
 from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
-from slamsim.io.cameras.base import Cameras, CameraTopic
-from slamsim.io.cameras.folders import FolderCameras
+from slamsim.io.cameras.base import Cameras, CameraTopic, FolderCameras
 from slamsim.io.open import open_recording
 from slamsim.io.text.tum import read_tum
 from slamsim.perception.calibration.boards import Board

@@ -7,8 +7,7 @@ import numpy as np
 from slamsim.config.slam import LayersConfig
 from slamsim.guard.errors import SlamsimError
 from slamsim.recording import Recording
-from slamsim.recording.frames import unqualified
-from slamsim.recording.mountings import base_frame_of, tree_of
+from slamsim.recording.frames import base_frame_of, tree_of, unqualified
 from slamsim.sim.robot.urdf import read_description
 
 FOOTPRINT = "base_footprint"

@@ -39,7 +39,7 @@ from slamsim.slam.backend.correction import densify
 from slamsim.slam.failures import Failures
 from slamsim.slam.mapping.map_files import map_files
 from slamsim.slam.session import motion_of
-from slamsim.world.looks.materials import MATERIALS
+from slamsim.world.looks.finishes import MATERIALS
 from slamsim.world.model import World
 
 OBSTACLES, SEMANTIC = "obstacles", "semantic"

@@ -20,14 +20,14 @@ from slamsim.io.cameras import is_image_folder, open_cameras
 from slamsim.io.cameras.base import Cameras
 from slamsim.io.open import OpenRecording, open_recording
 from slamsim.io.selection import EVERYTHING, Selection
-from slamsim.io.text.g2o_space import write_g2o_space
+from slamsim.io.text.g2o import write_g2o_space
 from slamsim.io.text.tum import read_tum, write_tum
 from slamsim.perception.camera_track import CameraTracker, Seen
 from slamsim.perception.tag_families import parse_tags
 from slamsim.perception.tags import TagDetector
 from slamsim.recording.cleaning.log import clean_motion
-from slamsim.recording.mountings import base_frame_of, known_mounting, tree_of
-from slamsim.report.pages.camera import write_camera_report
+from slamsim.recording.frames import base_frame_of, known_mounting, tree_of
+from slamsim.report.pages.cameras import write_camera_report
 from slamsim.run import folder as run_folder
 from slamsim.run.cameras.odometry import WITHIN_NS, registered
 from slamsim.run.cameras.telling import Robot, report_of, view_of

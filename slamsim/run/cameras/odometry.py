@@ -17,9 +17,8 @@ from slamsim.evaluate.spatial import SpatialErrors, compare_in_space
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.output import partial_folder, write_atomic
 from slamsim.io.cameras import open_cameras
-from slamsim.io.cameras.base import Cameras
+from slamsim.io.cameras.base import Cameras, FolderCameras
 from slamsim.io.cameras.converting import recorded_beside, true_path
-from slamsim.io.cameras.folders import FolderCameras
 from slamsim.io.text.tum import read_tum, write_tum
 from slamsim.perception.recorded import grey_of
 from slamsim.perception.rgbd_odometry import RgbdOdometry, RgbdStep

@@ -13,7 +13,7 @@ from slamsim.core.spatial import CameraTrack
 from slamsim.core.types import FloatArray, Log, PlanarTrajectory, Trajectory
 from slamsim.evaluate.spatial import SpatialErrors, compare_in_space
 from slamsim.guard.errors import SlamsimError
-from slamsim.report.pages.camera import CameraView
+from slamsim.report.pages.cameras import CameraView
 from slamsim.run.naming import recording_name
 from slamsim.run.stages import Report
 from slamsim.slam.visual.camera_map import CameraMap, MappedTag

@@ -19,7 +19,7 @@ from slamsim.io.selection import Selection
 from slamsim.perception.layers.labels import label_boxes
 from slamsim.recording import RawScans, Recording
 from slamsim.recording.cleaning.rising_stamps import epoch_of
-from slamsim.recording.mountings import BASE_FRAME, known_mounting, tree_of
+from slamsim.recording.frames import BASE_FRAME, known_mounting, tree_of
 from slamsim.report.viewer.images import MOST_IMAGES, ShownCamera
 from slamsim.report.viewer.run import write_recording
 from slamsim.report.viewer.unmapped import unmapped

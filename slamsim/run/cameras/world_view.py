@@ -6,7 +6,7 @@ import numpy as np
 
 from slamsim.cameras.lens import pinhole
 from slamsim.cameras.poses import RowPoses
-from slamsim.config.looks import LooksConfig
+from slamsim.config.layout import LooksConfig
 from slamsim.core.geometry import matrix_from_xyzw, xyzw_from_yaw
 from slamsim.core.types import Float32Array
 from slamsim.sensors.cameras.sight import View

@@ -13,8 +13,8 @@ from typing import Self
 from rich.progress import BarColumn, TextColumn
 
 from slamsim.console.reporter import Reporter
-from slamsim.dataset.catalogue.manifest import MANIFEST
-from slamsim.dataset.make.engines.base import WorkEngine
+from slamsim.dataset.catalogue.statistics import MANIFEST
+from slamsim.dataset.make.engines.local import WorkEngine
 from slamsim.dataset.make.make import make_dataset
 from slamsim.dataset.make.production import DatasetSummary
 from slamsim.dataset.make.shard import Tried

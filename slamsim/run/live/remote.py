@@ -9,7 +9,7 @@ from pathlib import Path
 from slamsim.console.reporter import Reporter
 from slamsim.core.progress import Progress
 from slamsim.guard.errors import SlamsimError
-from slamsim.io.bag2.folder import TopicKind
+from slamsim.io.bag2.writer import TopicKind
 from slamsim.live.hub import Hub
 from slamsim.live.mapping import Finished, MappingProcess
 from slamsim.live.published import SLAM_TOPICS
@@ -17,7 +17,7 @@ from slamsim.live.remote.checking import CheckingProcess
 from slamsim.live.remote.controls import RemoteControls
 from slamsim.live.remote.received import read_topics
 from slamsim.live.remote.robot import RemoteRobot, RemoteSetup
-from slamsim.live.sources.connect import open_source
+from slamsim.live.sources.clients import open_source
 from slamsim.live.sources.source import MessageLink
 from slamsim.recording.schemas import TRANSFORMS
 from slamsim.run.live.serving import Ports, run_until_signal, servers, write_map

@@ -61,18 +61,18 @@ class Loop(Protocol):
 
 def servers(hub: Hub, controls: Controls, ports: Ports) -> Iterator[Server]:
     """Those that are wanted, each started when it is asked for."""
-    from slamsim.live.servers.foxglove import start_foxglove
-    from slamsim.live.servers.page import start_page
+    from slamsim.live.servers.foxglove import FoxgloveServer
+    from slamsim.live.servers.page import PageServer
     from slamsim.live.servers.rerun import start_rerun
-    from slamsim.live.servers.rosbridge.server import start_rosbridge
+    from slamsim.live.servers.rosbridge.server import RosbridgeServer
 
     access = Access.at(ports.host)
     if ports.page:
-        yield start_page(hub, controls, access, ports.page)
+        yield PageServer(hub, controls, access, ports.page)
     if ports.rosbridge:
-        yield start_rosbridge(hub, controls, access, ports.rosbridge)
+        yield RosbridgeServer(hub, controls, access, ports.rosbridge)
     if ports.foxglove:
-        yield start_foxglove(hub, controls, access, ports.foxglove)
+        yield FoxgloveServer(hub, controls, access, ports.foxglove)
     if ports.rerun:
         yield start_rerun(hub)
 

@@ -17,10 +17,18 @@ from scipy.optimize import least_squares
 from slamsim.config.measurements import FigureConfig, MeasurementsConfig
 from slamsim.core.randomness import random_stream
 from slamsim.core.types import BoolArray, FloatArray
-from slamsim.scenarios.identify.figures import Body, Runs, figure_values, ramp_value
-from slamsim.scenarios.identify.model import VARYING, driven, wheels_of
-from slamsim.scenarios.identify.parameters import ParameterSpace, space_with
-from slamsim.scenarios.scripts import square_commands, straight_commands
+from slamsim.scenarios.identify.model import (
+    VARYING,
+    Body,
+    ParameterSpace,
+    Runs,
+    driven,
+    figure_values,
+    ramp_value,
+    space_with,
+    wheels_of,
+)
+from slamsim.scenarios.scripted import square_commands, straight_commands
 
 REPETITIONS = 24
 """Times the whole experiment is computed: its mean is what is expected, its scatter the chance."""

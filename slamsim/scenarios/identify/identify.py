@@ -17,7 +17,6 @@ from slamsim.config.measurements import MeasurementsConfig
 from slamsim.config.robot import RobotConfig
 from slamsim.core.types import FloatArray
 from slamsim.scenarios.base import Row
-from slamsim.scenarios.identify.figures import figure_values
 from slamsim.scenarios.identify.fit import (
     Experiment,
     Foreseen,
@@ -26,6 +25,7 @@ from slamsim.scenarios.identify.fit import (
     foreseen,
     most_likely,
 )
+from slamsim.scenarios.identify.model import figure_values
 from slamsim.scenarios.identify.robot import robot_at, simulated, weighed
 
 STARTS = 6

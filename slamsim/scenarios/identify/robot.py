@@ -10,16 +10,21 @@ import numpy as np
 
 from slamsim.config.measurements import MeasurementsConfig, ParameterName
 from slamsim.config.robot import MotorConfig, RobotConfig, VariationConfig
-from slamsim.config.scenarios.defaults import SCENARIO_PHYSICS
+from slamsim.config.scenarios.robots import SCENARIO_PHYSICS
 from slamsim.core.types import FloatArray
 from slamsim.guard.errors import SlamsimError
 from slamsim.models.differential_drive import wheel_odometry
 from slamsim.scenarios.base import Findings, Outcome, Row, Trial
-from slamsim.scenarios.identify.figures import Body, Runs
-from slamsim.scenarios.identify.model import VARYING
-from slamsim.scenarios.repeats import SECONDS_OF_CORE, corner_deg, steps_at, true_poses
+from slamsim.scenarios.identify.model import VARYING, Body, Runs
 from slamsim.scenarios.run import Chosen, Listener, run_scenarios
-from slamsim.scenarios.scripts import square_commands, straight_commands
+from slamsim.scenarios.scripted import (
+    SECONDS_OF_CORE,
+    corner_deg,
+    square_commands,
+    steps_at,
+    straight_commands,
+    true_poses,
+)
 from slamsim.sim.drive.script import Command, read_encoders, scripted_run
 from slamsim.sim.engine import engine_parameters
 from slamsim.sim.ground import Ground

@@ -9,7 +9,7 @@ from slamsim.core.types import FloatArray
 from slamsim.scenarios.base import ResultTable
 from slamsim.scenarios.identify.fit import RobotFit, sigmas_left
 from slamsim.scenarios.identify.identify import Identified
-from slamsim.scenarios.identify.parameters import Parameter
+from slamsim.scenarios.identify.model import Parameter
 
 UNTOUCHED = 0.9
 """A parameter that keeps so much of its prior uncertainty is not told of by any figure."""

@@ -9,14 +9,21 @@ from itertools import accumulate
 import numpy as np
 
 from slamsim.config.robot import MotorConfig, RobotConfig, VariationConfig
-from slamsim.config.scenarios.basic_drive import BasicDriveConfig
+from slamsim.config.scenarios.robots import BasicDriveConfig
 from slamsim.core.types import FloatArray
 from slamsim.models.differential_drive import wheel_odometry
 from slamsim.scenarios.base import Findings, Outcome, Row, Trial
 from slamsim.scenarios.physics.basic_drive_findings import stops_found
-from slamsim.scenarios.repeats import SECONDS_OF_CORE, robot_motion, steps_at, true_poses
-from slamsim.scenarios.scripts import straight_commands
-from slamsim.scenarios.tested import Tested, robots_under_test, run_seed
+from slamsim.scenarios.scripted import (
+    SECONDS_OF_CORE,
+    Tested,
+    robot_motion,
+    robots_under_test,
+    run_seed,
+    steps_at,
+    straight_commands,
+    true_poses,
+)
 from slamsim.sim.drive.script import read_encoders, scripted_run
 from slamsim.sim.engine import engine_parameters
 from slamsim.sim.ground import Ground

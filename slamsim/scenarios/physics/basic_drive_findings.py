@@ -8,15 +8,15 @@ from typing import cast
 
 import numpy as np
 
-from slamsim.config.scenarios.basic_drive import BasicDriveConfig
+from slamsim.config.scenarios.robots import BasicDriveConfig
 from slamsim.core.types import FloatArray
 from slamsim.scenarios.base import Chart, Findings, Outcome, ResultTable, Series, Verdict, Who
-from slamsim.scenarios.study_drives import (
+from slamsim.scenarios.scripted import (
     FIFTH_STOP_DRIVE_S,
     FIFTH_STOP_M,
     FIFTH_STOP_SPEEDS_M_S,
+    IDENTIFIED,
 )
-from slamsim.scenarios.tested import IDENTIFIED
 
 IDEAL = "ideal motors"
 FIFTH = 4

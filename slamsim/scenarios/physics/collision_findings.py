@@ -7,11 +7,9 @@ from typing import cast
 
 import numpy as np
 
-from slamsim.config.scenarios.collision import CollisionConfig
-from slamsim.config.scenarios.solver import STANDARD, all_solvers
+from slamsim.config.scenarios.bodies import STANDARD, CollisionConfig, all_solvers
 from slamsim.scenarios.base import Chart, Findings, ResultTable, Row, Series, Verdict
-from slamsim.scenarios.rows import number
-from slamsim.scenarios.trend import largest_below, trend
+from slamsim.scenarios.rows import largest_below, number, trend
 
 KINDS = {"planes": "sphere and plane", "spheres": "sphere and sphere"}
 MEAN_BOUNDS_M = (0.001, 0.005)

@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from slamsim.config.scenarios.friction_turn import BoxConfig, FrictionTurnConfig
+from slamsim.config.scenarios.robots import BoxConfig, FrictionTurnConfig
 from slamsim.core.types import FloatArray
 from slamsim.scenarios.base import (
     BodyMotion,
@@ -22,8 +22,8 @@ from slamsim.scenarios.base import (
     Trial,
     Verdict,
 )
-from slamsim.scenarios.repeats import SECONDS_OF_CORE, robot_motion, true_poses
 from slamsim.scenarios.rows import having, number
+from slamsim.scenarios.scripted import SECONDS_OF_CORE, robot_motion, true_poses
 from slamsim.sim.drive.script import Command, scripted_run
 from slamsim.sim.engine import engine_parameters
 from slamsim.sim.ground import Block, Ground

@@ -13,8 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from slamsim.config.scenarios.integrator import IntegratorConfig
-from slamsim.config.scenarios.solver import STANDARD, all_solvers
+from slamsim.config.scenarios.bodies import STANDARD, IntegratorConfig, all_solvers
 from slamsim.core.types import GRAVITY_M_S2
 from slamsim.scenarios.base import BodyMotion, Findings, Outcome, Row, Trial, Value
 from slamsim.scenarios.film import POSES_PER_S, filmed

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.config.scenarios.integrator import IntegratorConfig
-from slamsim.config.scenarios.solver import STANDARD, SolverConfig, all_solvers
+from slamsim.config.scenarios.bodies import STANDARD, IntegratorConfig, SolverConfig, all_solvers
 from slamsim.core.types import GRAVITY_M_S2, FloatArray
 from slamsim.scenarios.base import Chart, Findings, ResultTable, Row, Series, Verdict
-from slamsim.scenarios.rows import number
-from slamsim.scenarios.trend import trend
+from slamsim.scenarios.rows import number, trend
 
 NEAR = 0.01
 """A measured value agrees with the analytical one if it is off by less than this share."""

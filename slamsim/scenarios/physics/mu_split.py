@@ -9,10 +9,10 @@ from functools import partial
 import numpy as np
 
 from slamsim.config.robot import RobotConfig
-from slamsim.config.scenarios.mu_split import MuSplitConfig
+from slamsim.config.scenarios.robots import MuSplitConfig
 from slamsim.scenarios.base import Findings, Outcome, Row, Trial
 from slamsim.scenarios.physics.mu_split_findings import split_found
-from slamsim.scenarios.repeats import SECONDS_OF_CORE, robot_motion, true_poses
+from slamsim.scenarios.scripted import SECONDS_OF_CORE, robot_motion, true_poses
 from slamsim.sim.drive.script import CONTROL_HZ, Command, Forces, ScriptedRun, scripted_run
 from slamsim.sim.engine import engine_parameters
 from slamsim.sim.ground import Ground

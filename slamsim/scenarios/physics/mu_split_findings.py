@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from slamsim.config.scenarios.mu_split import MuSplitConfig
+from slamsim.config.scenarios.robots import MuSplitConfig
 from slamsim.scenarios.base import Chart, Findings, Outcome, ResultTable, Series, Verdict
-from slamsim.scenarios.rows import column, having, number
-from slamsim.scenarios.trend import trend
+from slamsim.scenarios.rows import column, having, number, trend
 
 STUDY_LIMIT, STUDY_NOTABLE = 0.40, 0.35
 STUDY_END_M = (1.96, -0.04)

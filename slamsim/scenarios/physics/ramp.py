@@ -11,11 +11,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from slamsim.config.robot import RobotConfig
-from slamsim.config.scenarios.ramp import ClimbConfig, HandConfig, RampConfig
+from slamsim.config.scenarios.robots import ClimbConfig, HandConfig, RampConfig
 from slamsim.core.types import GRAVITY_M_S2, FloatArray, Trajectory
 from slamsim.scenarios.base import BodyMotion, Findings, Outcome, Row, Solid, Trial
 from slamsim.scenarios.physics.ramp_findings import ramp_found
-from slamsim.scenarios.repeats import SECONDS_OF_CORE, duration_s, robot_motion, true_poses
+from slamsim.scenarios.scripted import SECONDS_OF_CORE, duration_s, robot_motion, true_poses
 from slamsim.sim.drive.script import Command, ScriptedRun, scripted_run
 from slamsim.sim.engine import engine_parameters
 from slamsim.sim.ground import Block, Ground

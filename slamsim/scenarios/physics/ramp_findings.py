@@ -6,10 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from slamsim.config.scenarios.ramp import RampConfig
+from slamsim.config.scenarios.robots import RampConfig
 from slamsim.scenarios.base import Chart, Findings, Outcome, ResultTable, Series, Value, Verdict
-from slamsim.scenarios.rows import column, having, number
-from slamsim.scenarios.trend import trend
+from slamsim.scenarios.rows import column, having, number, trend
 
 STUDY_GAZEBO_SHARE = 0.06
 """Of the way by which Gazebo's robot falls short between the flattest and the steepest slope."""

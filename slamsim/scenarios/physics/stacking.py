@@ -12,13 +12,11 @@ from functools import partial
 
 import numpy as np
 
-from slamsim.config.scenarios.solver import STANDARD, SolverConfig, all_solvers
-from slamsim.config.scenarios.stacking import StackingConfig
+from slamsim.config.scenarios.bodies import STANDARD, SolverConfig, StackingConfig, all_solvers
 from slamsim.core.types import GRAVITY_M_S2, FloatArray
 from slamsim.scenarios.base import BodyMotion, Findings, Outcome, Row, Trial, Value
 from slamsim.scenarios.film import POSES_PER_S, filmed
-from slamsim.scenarios.physics.stack_run import StackRun, run_stack
-from slamsim.scenarios.physics.stack_sway import leaving_of, sway_of
+from slamsim.scenarios.physics.stack_run import StackRun, leaving_of, run_stack, sway_of
 from slamsim.scenarios.physics.stacking_findings import stacking_findings
 from slamsim.sim.bodies import Box, engine_settings
 

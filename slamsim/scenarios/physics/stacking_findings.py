@@ -7,11 +7,9 @@ from typing import cast
 
 import numpy as np
 
-from slamsim.config.scenarios.solver import STANDARD, all_solvers
-from slamsim.config.scenarios.stacking import StackingConfig
+from slamsim.config.scenarios.bodies import STANDARD, StackingConfig, all_solvers
 from slamsim.scenarios.base import Chart, Findings, Outcome, ResultTable, Row, Series, Verdict
-from slamsim.scenarios.rows import number
-from slamsim.scenarios.trend import FEWEST, trend
+from slamsim.scenarios.rows import FEWEST, number, trend
 
 AS_ONE = 0.25
 """The stack moves as one piece if neighbours' offsets make up less than this share of the top's."""

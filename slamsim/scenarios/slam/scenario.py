@@ -16,8 +16,7 @@ from slamsim.scenarios.base import (
     Trial,
     Verdict,
 )
-from slamsim.scenarios.slam.trial import as_grid, slam_trial
-from slamsim.scenarios.slam.variants import (
+from slamsim.scenarios.slam.trial import (
     BUG,
     BYPASS,
     CLOCKS,
@@ -25,6 +24,8 @@ from slamsim.scenarios.slam.variants import (
     RIGHT,
     SIMULATOR,
     VARIANTS,
+    as_grid,
+    slam_trial,
 )
 from slamsim.sim.engine import engine_parameters
 

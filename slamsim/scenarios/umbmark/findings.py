@@ -8,11 +8,11 @@ from typing import cast
 
 import numpy as np
 
-from slamsim.config.scenarios.umbmark import UmbmarkConfig
+from slamsim.config.scenarios.robots import UmbmarkConfig
 from slamsim.guard.errors import SlamsimError
 from slamsim.scenarios.base import Chart, Findings, Outcome, ResultTable, Row, Series, Value, Who
 from slamsim.scenarios.rows import number
-from slamsim.scenarios.study_drives import SQUARE_SIDE_M, SQUARES, UNITY_CORNERS_DEG
+from slamsim.scenarios.scripted import SQUARE_SIDE_M, SQUARES, UNITY_CORNERS_DEG
 from slamsim.scenarios.umbmark.method import (
     Clusters,
     CorrectionResult,

@@ -9,18 +9,20 @@ from typing import cast
 
 import numpy as np
 
-from slamsim.config.scenarios.umbmark import UmbmarkConfig
+from slamsim.config.scenarios.robots import UmbmarkConfig
 from slamsim.models.differential_drive import metres_per_tick, wheel_odometry
 from slamsim.scenarios.base import Findings, Outcome, Row, Trial, Value
-from slamsim.scenarios.repeats import (
+from slamsim.scenarios.scripted import (
     SECONDS_OF_CORE,
+    Tested,
     corner_deg,
     robot_motion,
+    robots_under_test,
+    run_seed,
+    square_commands,
     steps_at,
     true_poses,
 )
-from slamsim.scenarios.scripts import square_commands
-from slamsim.scenarios.tested import Tested, robots_under_test, run_seed
 from slamsim.scenarios.umbmark.findings import KNOWN, squares_found
 from slamsim.sim.drive.script import read_encoders, scripted_run
 from slamsim.sim.engine import engine_parameters

@@ -8,8 +8,7 @@ from typing import cast
 from slamsim.config.robot import RobotConfig, VariationConfig
 from slamsim.scenarios.base import Row, Verdict
 from slamsim.scenarios.rows import number
-from slamsim.scenarios.study_drives import SQUARE_SIDE_M, SQUARES, UNITY_CORNERS_DEG
-from slamsim.scenarios.tested import IDENTIFIED
+from slamsim.scenarios.scripted import IDENTIFIED, SQUARE_SIDE_M, SQUARES, UNITY_CORNERS_DEG
 from slamsim.scenarios.umbmark.method import CorrectionResult, DrivenSquares, WheelCorrection
 
 CLOSE_M, LEAST_SPREAD_M, MOST_SPREAD_M = 0.25, 1.0, 2.0

@@ -14,7 +14,7 @@ from slamsim.cameras.settings import ImagerConfig, LensConfig
 from slamsim.core.geometry import xyzw_from_matrix
 from slamsim.recording import RawStream
 from slamsim.recording.images import RawCameraInfos, RawFrameTruths, RawImages, RawPackedImages
-from slamsim.sensors.cameras.packing import image_topic, raw_encoding, told_format
+from slamsim.sensors.cameras.imager import image_topic, raw_encoding, told_format
 from slamsim.sensors.cameras.viewpoint import Moved, Taken
 
 if TYPE_CHECKING:

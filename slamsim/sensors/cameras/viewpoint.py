@@ -13,8 +13,7 @@ from slamsim.cameras.lens import CameraModel
 from slamsim.cameras.poses import RowPoses, optical_flow
 from slamsim.cameras.settings import ImagerConfig
 from slamsim.core.types import BoolArray, Float32Array, IntArray
-from slamsim.sensors.cameras.frame import Frame
-from slamsim.sensors.cameras.imager import DepthImager, Image, LightImager, Submit
+from slamsim.sensors.cameras.imager import DepthImager, Frame, Image, LightImager, Submit
 from slamsim.sensors.cameras.sight import View
 from slamsim.sensors.clock import StreamClock
 

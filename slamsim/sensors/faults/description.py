@@ -10,7 +10,7 @@ from pydantic import Field
 
 from slamsim.recording import Recording
 from slamsim.recording.edits.base import Edit
-from slamsim.recording.edits.description import ChangeDescription, joint_text, with_joint_origin
+from slamsim.recording.edits.frames import ChangeDescription, joint_text, with_joint_origin
 from slamsim.sensors.faults.base import Fault
 
 

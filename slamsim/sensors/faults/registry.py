@@ -1,20 +1,24 @@
-"""All kinds of faults, and the files that define faults."""
+"""All kinds of faults, the files that define faults, and their injection, singly or combined."""
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
-from functools import cache
+from collections.abc import Mapping, Sequence
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 from slamsim.config.bundled import bundled_folder, bundled_names, find_input
 from slamsim.config.faults import FaultChoice
 from slamsim.config.loading import load_model
+from slamsim.config.sensors import SensorsConfig
+from slamsim.core.randomness import random_stream
 from slamsim.guard.errors import InputRefused, shown
 from slamsim.guard.plugins import kinds_in, left_out
 from slamsim.guard.yaml import load_yaml
-from slamsim.sensors.faults.base import Fault
+from slamsim.recording import Recording
+from slamsim.sensors.faults.base import Fault, SensedFault
+from slamsim.sensors.motion import PoseOverride, PoseSamples, as_mounted
 
 _PACKAGE = "slamsim.sensors.faults"
 
@@ -72,3 +76,46 @@ def _kind_of(path: Path) -> type[Fault]:
         line = document.line_of(("kind",))
         raise InputRefused(path, f"there is no kind {shown(kind)}; {hint}", f"line {line}, kind")
     return known[kind]
+
+
+def injected(recording: Recording, faults: Sequence[Fault], seed: int) -> Recording:
+    """The recording with all faults, one after the other; the one given is left as it was.
+
+    Raises CannotEdit where the recording has nothing that could have one of them.
+    """
+    for fault in faults:
+        recording = fault.inject(recording, random_stream(seed, "fault", fault.name))
+    return recording
+
+
+def faulty_sensors(
+    faults: Sequence[Fault], config: SensorsConfig
+) -> tuple[SensorsConfig, PoseOverride]:
+    """What to sense a drive with, and how the laser then looks."""
+    sensors, override = config, as_mounted
+    for fault in faults:
+        if isinstance(fault, SensedFault):
+            sensors = fault.sensors(sensors)
+            override = partial(_one_more, override, fault, config)
+    return sensors, override
+
+
+def _one_more(
+    before: PoseOverride, fault: SensedFault, config: SensorsConfig, samples: PoseSamples
+) -> PoseSamples:
+    return fault.override(before(samples), config)
+
+
+def declared(
+    recording: Recording, faults: Sequence[Fault], config: SensorsConfig, seed: int
+) -> Recording:
+    """Of a drive sensed with ``faulty_sensors``: the recording with all faults.
+
+    config: of the healthy sensors. Raises as ``injected`` does.
+    """
+    for fault in faults:
+        if isinstance(fault, SensedFault):
+            recording = fault.declare(config).apply(recording)
+        else:
+            recording = injected(recording, (fault,), seed)
+    return recording

@@ -17,7 +17,7 @@ from slamsim.config.world import FARTHEST_M
 from slamsim.core.types import FloatArray
 from slamsim.guard.errors import InputRefused
 from slamsim.guard.limits import LIMITS
-from slamsim.guard.text import open_lines
+from slamsim.guard.unpacking import open_lines
 
 POSE_COLUMNS = (("x_m", "y_m"), ("x_m", "y_m", "yaw_rad"), ("x_m", "y_m", "yaw_deg"))
 TWIST_COLUMNS = ("t_s", "v_m_s", "w_rad_s")

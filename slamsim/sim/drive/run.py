@@ -17,7 +17,7 @@ from slamsim.sim.drive.drive_loop import BasePose, Decision, DriveLoop, touching
 from slamsim.sim.drive.pilot import Pilot
 from slamsim.sim.drive.route import Route
 from slamsim.sim.engine import running_engine
-from slamsim.sim.floor import Floor
+from slamsim.sim.ground import Floor
 from slamsim.sim.robot.chassis import Engine, hold_wheels
 from slamsim.sim.robot.model import RobotModel
 

@@ -22,8 +22,7 @@ from slamsim.sim.drive.drive_loop import BasePose, Decision, DriveLoop, touching
 from slamsim.sim.drive.follow import Twist
 from slamsim.sim.drive.pilot import STANDING, limited
 from slamsim.sim.engine import set_gravity, standing_robot
-from slamsim.sim.floor import Floor
-from slamsim.sim.ground import Ground, add_blocks
+from slamsim.sim.ground import Floor, Ground, add_blocks
 from slamsim.sim.robot.chassis import Engine, set_wheel_friction
 from slamsim.sim.robot.model import RobotModel
 

@@ -20,7 +20,7 @@ from slamsim.io.staged_writer import StagedWriter
 from slamsim.simulation.foxglove_channels import FoxgloveChannels, Listener
 
 if TYPE_CHECKING:
-    from slamsim.io.bag2.folder import TopicKind
+    from slamsim.io.bag2.writer import TopicKind
     from slamsim.io.ros.encoding import Outgoing
 
 

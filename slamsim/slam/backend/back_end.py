@@ -17,7 +17,7 @@ from slamsim.core.geometry import between, compose
 from slamsim.core.progress import Progress, silent
 from slamsim.core.result import Event, GraphEdge, MapGraph
 from slamsim.core.types import FloatArray, IntArray, PlanarPoses
-from slamsim.process.memory import return_freed_memory
+from slamsim.process.children import return_freed_memory
 from slamsim.slam.backend.bundle import NotRefined
 from slamsim.slam.backend.correction import Correction
 from slamsim.slam.backend.graph import variance_factor

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamsim.core.types import Float32Array, FloatArray, IntArray
-from slamsim.world.looks.materials import MaterialId
+from slamsim.world.looks.finishes import MaterialId
 from slamsim.world.looks.places import Place
 
 

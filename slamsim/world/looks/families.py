@@ -7,9 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.config.looks import Family, Split
-from slamsim.world.looks.finishes import Finish, FinishRange, Rgb
-from slamsim.world.looks.materials import MaterialId
+from slamsim.config.layout import Family, Split
+from slamsim.world.looks.finishes import Finish, FinishRange, MaterialId, Rgb
 from slamsim.world.looks.patterns import Pattern
 
 Ranges = tuple[FinishRange, ...]

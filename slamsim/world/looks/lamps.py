@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamsim.config.looks.lamps import LampsConfig
+from slamsim.config.layout import LampsConfig
 from slamsim.core.jit import kernel
 from slamsim.core.types import BoolArray, Float32Array, FloatArray, Grid, IntArray
 

@@ -6,12 +6,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slamsim.config.looks import Split
-from slamsim.config.looks.walls import PanesConfig, PostersConfig
+from slamsim.config.layout import PanesConfig, PostersConfig, Split
 from slamsim.core.randomness import random_stream
 from slamsim.core.types import Float32Array
 from slamsim.world.looks.decals import Decal
-from slamsim.world.looks.materials import MaterialId
+from slamsim.world.looks.finishes import MaterialId
 from slamsim.world.looks.places import WallSpace
 
 _PAGES = 32

@@ -1,18 +1,20 @@
-"""Square marks on walls that cameras recognise: AprilTag and ArUco, as OpenCV draws them."""
+"""Square marks on walls that cameras recognise: AprilTag and ArUco, as OpenCV draws them; and
+``tags.yaml``, where they hang, as a surveyor would have it."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from slamsim.config.looks.walls import TagFamily, TagsConfig
+from slamsim.config.layout import TagFamily, TagsConfig
+from slamsim.core.geometry import xyzw_from_matrix
 from slamsim.core.types import Float32Array, FloatArray
 from slamsim.world.looks.decals import Decal
-from slamsim.world.looks.materials import MaterialId
-from slamsim.world.looks.places import Place, WallSpace
-from slamsim.world.looks.surfaces import Surfaces
+from slamsim.world.looks.finishes import MaterialId
+from slamsim.world.looks.places import Place, Surfaces, WallSpace
 
 _BLACK, _WHITE = 0.04, 0.85
 """Reflectance of printer's ink and of paper."""
@@ -73,3 +75,27 @@ def _pose(surfaces: Surfaces, place: Place, middle_m: FloatArray) -> FloatArray:
     T_map_tag[:3, 2] = surfaces.normals[place.plane]
     T_map_tag[:3, 3] = middle_m
     return T_map_tag
+
+
+_HEAD = """\
+# Tags on walls, in the map frame: middle of the tag in metres; quaternion of its frame, x to the
+# right and y up as it is read, z out of the wall. size_m: side of the black square.
+tags:
+"""
+
+
+def tags_yaml(tags: Iterable[Tag]) -> bytes:
+    """The file; numbers in the shortest form that gives the same bits."""
+    return (_HEAD + "".join(map(_line, tags))).encode()
+
+
+def _line(tag: Tag) -> str:
+    quat = xyzw_from_matrix(tag.T_map_tag[:3, :3])
+    return (
+        f"  - {{id: {tag.id}, family: {tag.family}, size_m: {tag.size_m!r}, "
+        f"position_m: {_numbers(tag.T_map_tag[:3, 3])}, quat_xyzw: {_numbers(quat)}}}\n"
+    )
+
+
+def _numbers(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> str:
+    return str([value + 0.0 for value in values.tolist()])

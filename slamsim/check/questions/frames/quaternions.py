@@ -23,9 +23,9 @@ from slamsim.check.question import (
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.guard.numbers import is_sound
 from slamsim.recording import RawImu
+from slamsim.recording.cleaning.streams import has_unit_length
 from slamsim.recording.edits.base import edge_subject
 from slamsim.recording.repairs.base import Repair
-from slamsim.recording.soundness import has_unit_length
 
 MOST_TILT_RAD = float(np.radians(20.0))
 """Steeper than any ramp that a wheeled robot climbs."""

@@ -14,8 +14,8 @@ from slamsim.core.geometry import wrap_angle, yaw_from_xyzw
 from slamsim.core.types import BoolArray, FloatArray, IntArray
 from slamsim.guard.numbers import MOST, is_sound
 from slamsim.recording import RawImu, Recording
+from slamsim.recording.cleaning.streams import has_unit_length
 from slamsim.recording.repairs.base import Repair
-from slamsim.recording.soundness import has_unit_length
 
 SPIKE_M_S2 = (3.0, 30.0)
 """Of single samples, as Cartographer's validator has it."""

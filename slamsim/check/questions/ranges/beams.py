@@ -11,7 +11,7 @@ from slamsim.check.question import FaultKind, Question, judge, unanswered
 from slamsim.check.scan_sample import ScanSample
 from slamsim.core.types import FloatArray
 from slamsim.recording.repairs.base import Repair
-from slamsim.recording.repairs.isolated import isolated_returns
+from slamsim.recording.repairs.scans import isolated_returns
 from slamsim.slam.laser.own_body import (
     BESIDE,
     MAX_CONSTANT_SPREAD_M,

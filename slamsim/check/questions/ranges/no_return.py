@@ -12,7 +12,7 @@ from slamsim.check.scan_sample import ScanSample, positive
 from slamsim.core.types import BoolArray, Float32Array
 from slamsim.recording.cleaning.no_return import Code, find_limit
 from slamsim.recording.repairs.base import Repair
-from slamsim.recording.repairs.isolated import isolated_returns
+from slamsim.recording.repairs.scans import isolated_returns
 
 MAX_ZERO_SHARE = 1e-4
 MIN_COUNT = 20

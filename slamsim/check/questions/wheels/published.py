@@ -13,8 +13,8 @@ from slamsim.check.motion.disagreement import IN_COMMON, LIMIT_M, disagreement
 from slamsim.check.question import FaultKind, Question, QuestionGroup, anywhere, judge, unanswered
 from slamsim.core.types import BoolArray
 from slamsim.recording import RawOdometry
+from slamsim.recording.cleaning.streams import finite_poses, has_unit_length
 from slamsim.recording.repairs.base import Repair
-from slamsim.recording.soundness import finite_poses, has_unit_length
 
 REPLACED_SHARE = 0.5
 """Where more of the poses are broken than this, dropping them leaves no odometry."""

@@ -21,9 +21,9 @@ from functools import partial
 from typing import Any, Self
 from urllib.parse import urlsplit
 
-from slamsim.dataset.make.engines.base import Answer
+from slamsim.dataset.make.engines.local import Answer
+from slamsim.dataset.make.identity import difference, versions
 from slamsim.dataset.make.shard import ShardTask, Tried, make_sequences
-from slamsim.dataset.make.versions import difference, versions
 from slamsim.guard.errors import SlamsimError, shown
 from slamsim.process.worker import Worker, WorkerDied, fair_share_bytes
 

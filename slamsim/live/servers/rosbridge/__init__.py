@@ -1,1 +1,1 @@
-"""A rosbridge v2 server: ``server.start_rosbridge``."""
+"""A rosbridge v2 server: ``server.RosbridgeServer``."""

@@ -14,8 +14,7 @@ from websockets.exceptions import ConnectionClosed
 from websockets.frames import CloseCode
 
 from slamsim.live.hub import Message
-from slamsim.live.rosbridge.fragments import Fragments, split
-from slamsim.live.rosbridge.wire import json_text
+from slamsim.live.rosbridge import Fragments, json_text, split
 
 LARGEST_QUEUE = 60 << 20
 """Bytes that wait for one client; beyond, the oldest message is dropped. With what is being sent,

@@ -17,10 +17,15 @@ from slamsim.io.ros.values import (
 )
 from slamsim.live.controls import Controls
 from slamsim.live.requests import SUBSCRIBED, publish
-from slamsim.live.rosbridge.wire import parsed
+from slamsim.live.rosbridge import parsed
 from slamsim.live.servers.rosbridge.client import LEVELS, Client, Kind, Options
-from slamsim.live.servers.rosbridge.client_services import Answer, ClientServices
-from slamsim.live.servers.rosbridge.services import Rosapi, Service, robot_services
+from slamsim.live.servers.rosbridge.services import (
+    Answer,
+    ClientServices,
+    Rosapi,
+    Service,
+    robot_services,
+)
 from slamsim.live.servers.rosbridge.topics import Topics
 
 _COMPRESSIONS = ("none", "png", "cbor", "cbor-raw")

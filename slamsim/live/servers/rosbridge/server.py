@@ -22,10 +22,9 @@ from websockets.typing import Subprotocol
 from slamsim.guard.errors import shown
 from slamsim.live.controls import Controls
 from slamsim.live.hub import Hub
-from slamsim.live.rosbridge.fragments import LARGEST_MESSAGE
-from slamsim.live.servers.access import Access, refusal
-from slamsim.live.servers.loop_thread import LoopThread
-from slamsim.live.servers.ports import not_served
+from slamsim.live.rosbridge import LARGEST_MESSAGE
+from slamsim.live.servers.access import Access, not_served, refusal
+from slamsim.live.servers.front import LoopThread
 from slamsim.live.servers.rosbridge.client import Client
 from slamsim.live.servers.rosbridge.operations import Operations
 from slamsim.live.servers.rosbridge.topics import Topics
@@ -38,20 +37,13 @@ _STOP_S = 1.0
 """How long clients have to say goodbye when the server stops."""
 
 
-def start_rosbridge(
-    hub: Hub, controls: Controls, access: Access, port: int = 9090
-) -> RosbridgeServer:
-    """Serve until the block of what this returns ends.
+class RosbridgeServer(LoopThread):
+    """Serves from when it is made until its block ends.
 
     port: 0 for a free one. Raises OutputRefused where it is taken.
     """
-    return RosbridgeServer(hub, controls, access, port)
 
-
-class RosbridgeServer(LoopThread):
-    """Serves from when it is made."""
-
-    def __init__(self, hub: Hub, controls: Controls, access: Access, port: int) -> None:
+    def __init__(self, hub: Hub, controls: Controls, access: Access, port: int = 9090) -> None:
         self._hub, self._controls, self._access = hub, controls, access
         self._clients: dict[Client, ServerConnection] = {}
         self._port = port

@@ -8,10 +8,10 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from slamsim.guard.errors import shown
-from slamsim.io.bag2.folder import TopicKind
+from slamsim.io.bag2.writer import TopicKind
 from slamsim.io.ros.values import WrongMessage, cdr_of, known_type, plain_values
 from slamsim.live.hub import Hub, Message
-from slamsim.live.rosbridge.wire import cbor_bytes, json_text, png_text
+from slamsim.live.rosbridge import cbor_bytes, json_text, png_text
 from slamsim.live.servers.rosbridge.client import Client, Frame, Kind, Options, Subscription
 
 _LARGE = 128 << 10

@@ -1,9 +1,11 @@
-"""Answers of the page's server to plain HTTP requests: the page, a recording, or why not."""
+"""Answers of the page's server to plain HTTP requests: the page, a recording as one zip file that
+is made while it is sent, or why not."""
 
 from __future__ import annotations
 
 import base64
 import hashlib
+import secrets
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from email.utils import formatdate
@@ -11,11 +13,15 @@ from functools import cache
 from http import HTTPStatus
 from http.cookies import CookieError, SimpleCookie
 from importlib.resources import files
+from io import RawIOBase
+from pathlib import Path
 from urllib.parse import parse_qs
+from zipfile import ZIP_STORED, ZipFile, ZipInfo
 
 from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
+from slamsim.guard.files import open_as_found
 from slamsim.live.servers.access import Access
 from slamsim.live.servers.access import refusal as refusal_of
 
@@ -135,3 +141,69 @@ def in_chunks(pieces: Iterator[bytes]) -> Iterator[bytes]:
         if piece:
             yield b"%x\r\n%b\r\n" % (len(piece), piece)
     yield b"0\r\n\r\n"
+
+
+_CHUNK_BYTES = 1 << 18
+
+
+class Recordings:
+    """Folders that the controls named since the server started. Others cannot be asked for: a
+    client knows them by random identifiers alone."""
+
+    def __init__(self) -> None:
+        self._folders: dict[str, Path] = {}
+        self._current: Path | None = None
+
+    def note(self, current: Path | None) -> None:
+        """The folder that is being written by now, if any."""
+        self._current = current
+        if current is not None and current not in self._folders.values():
+            self._folders[secrets.token_urlsafe(16)] = current
+
+    def finished(self) -> dict[str, Path]:
+        """By identifier, the newest first. A folder has its name when it is whole."""
+        whole = {
+            key: folder
+            for key, folder in self._folders.items()
+            if folder != self._current and folder.is_dir()
+        }
+        return dict(reversed(whole.items()))
+
+
+def zipped(folder: Path) -> Iterator[bytes]:
+    """A zip file of a folder, piece by piece, with no more than a piece in memory.
+
+    Its files are stored as they are: recordings are compressed already. Links are left out, so that
+    nothing from outside the folder is in it.
+    """
+    sink = _Pieces()
+    with ZipFile(sink, "w", ZIP_STORED) as archive:
+        for path in sorted(folder.rglob("*")):
+            if path.is_symlink() or not path.is_file():
+                continue
+            place = Path(folder.name) / path.relative_to(folder)
+            info = ZipInfo.from_file(path, place.as_posix(), strict_timestamps=False)
+            with open_as_found(path) as source, archive.open(info, "w", force_zip64=True) as entry:
+                while piece := source.read(_CHUNK_BYTES):
+                    entry.write(piece)
+                    yield sink.taken()  # never empty: it holds the piece
+    yield sink.taken()
+
+
+class _Pieces(RawIOBase):
+    """A stream that cannot be sought, whose bytes are taken from it as they come."""
+
+    def __init__(self) -> None:
+        self._held = bytearray()
+
+    def writable(self) -> bool:
+        return True
+
+    def write(self, data: bytes | bytearray | memoryview) -> int:  # type: ignore[override]
+        self._held += data
+        return len(data)
+
+    def taken(self) -> bytes:
+        taken = bytes(self._held)
+        self._held.clear()
+        return taken
