@@ -163,8 +163,9 @@ def _places(track: FloatArray, views: Sequence[TagView]) -> dict[int, FloatArray
     found = {}
     for number, poses in told.items():
         places = np.array(poses)
-        apart = np.linalg.norm(places[:, None, :2] - places[None, :, :2], axis=2)
-        found[number] = places[int(apart.sum(axis=1).argmin())]
+        # Row by row: a tag may be in view from thousands of nodes.
+        apart = [np.linalg.norm(place[:2] - places[:, :2], axis=1).sum() for place in places]
+        found[number] = places[int(np.argmin(apart))]
     return found
 
 
