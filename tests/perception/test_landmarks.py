@@ -89,6 +89,33 @@ def test_mistaken_numbers_are_doubted(
     assert sum(tag.doubted for tag in result.landmarks) > 0
 
 
+def test_a_tag_in_two_places_is_left_out_and_the_others_stay(
+    driven: tuple[Simulated, SlamResult, tuple[TagObservation, ...]],
+) -> None:
+    _, without, observations = driven
+    once = observations[len(observations) // 2]
+    apart = np.array([2.0, 1.5, 0.5])
+    twice = (replace(once, number=99), replace(observations[0], number=99, T_base_tag=apart))
+    result = with_landmarks(without, None, TagsSeen((*observations, *twice)), CONFIG)
+
+    assert [tag.number for tag in result.landmarks] == sorted({o.number for o in observations})
+    assert any("tag 99 is left out" in words for words in result.warnings)
+
+
+def test_a_surveyed_tag_that_stands_elsewhere_is_told(
+    driven: tuple[Simulated, SlamResult, tuple[TagObservation, ...]],
+) -> None:
+    sim, without, observations = driven
+    places = TAGS.copy()
+    places[4, :2] += 1.0
+    result = with_landmarks(without, None, TagsSeen(observations, surveyed(places)), CONFIG)
+
+    assert ate_rmse_m(result.trajectory, sim.truth) < 0.08
+    told = [words for words in result.warnings if "where the survey has it" in words]
+    assert len(told) == 1
+    assert told[0].startswith("tag 4 ")
+
+
 def test_an_unseen_survey_is_told(
     driven: tuple[Simulated, SlamResult, tuple[TagObservation, ...]],
 ) -> None:
@@ -188,6 +215,26 @@ def test_tags_of_an_earlier_map_are_landmarks_of_the_continued_one(tmp_path: Pat
         assert np.hypot(*off[:2]) < 0.02
         if tag.number in before:
             assert np.trace(tag.covariance) < np.trace(before[tag.number].covariance)
+
+
+def test_a_tag_that_was_carried_elsewhere_is_mapped_anew() -> None:
+    first, second = room(4), room(5)
+    seen = observed(first, TAGS_IN_ROOM, 4, 400_000_000)
+    mapped, saved = map_log(first.log, CONFIG, tags=TagsSeen(seen))
+    places = TAGS_IN_ROOM.copy()
+    places[0, 1] += 1.0
+    again = TagsSeen(observed(second, places, 5, 400_000_000))
+    on, whole = map_log(second.log, CONFIG, earlier=saved, start=np.zeros(3), tags=again)
+
+    T_map_truth = compose(
+        mapped.trajectory.poses[0], inverse(first.truth.at(mapped.trajectory.stamps_ns[:1])[0])
+    )
+    off = between(compose(T_map_truth, places[0]), whole.landmarks[0].T_map_tag)
+    assert np.hypot(*off[:2]) < 0.02
+    assert on.landmarks[0].doubted < on.landmarks[0].seen
+    told = [words for words in on.warnings if "where the map that is continued has it" in words]
+    assert len(told) == 1
+    assert told[0].startswith("tag 0 ")
 
 
 def test_views_are_means_that_leave_out_what_is_far_off(

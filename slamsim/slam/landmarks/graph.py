@@ -56,7 +56,8 @@ def with_landmarks(
     """The result with its key frames and trajectory held by tags, and these in ``landmarks``.
 
     information: what holds the key frames, None without a refinement. If a surveyed tag was seen,
-    the map is in the frame of the survey. Raises NoSolution.
+    the map is in the frame of the survey. A tag of an earlier map that was carried elsewhere since
+    is mapped anew. Raises NoSolution.
     """
     nodes = nodes_of(result, tags, config.front_end.motion, information)
     views = tag_views(result.trajectory, nodes.track, tags, config.landmarks)
@@ -64,6 +65,11 @@ def with_landmarks(
         return replace(result, warnings=(*result.warnings, NOT_WHILE_MAPPED))
     problem = _Problem.of(nodes, views, tags)
     solver = _solved(problem, config)
+    warnings = (*problem.warnings, *_not_there(problem, solver))
+    if moved_tags := _carried_elsewhere(problem, solver):
+        known = tuple(each for each in tags.known if each.number not in moved_tags)
+        problem = _Problem.of(nodes, views, replace(tags, known=known))
+        solver = _solved(problem, config)
     poses = solver.poses
     anchors = replace(nodes.track, poses=poses[problem.base : problem.base + len(nodes.track)])
     moved = replace(result.graph.keyframes, poses=poses[problem.keyframes])
@@ -76,7 +82,7 @@ def with_landmarks(
         graph=graph,
         parts={**result.parts, PART: moved},
         landmarks=_landmarks(problem, solver),
-        warnings=(*result.warnings, *problem.warnings),
+        warnings=(*result.warnings, *warnings, *_left_out(problem, solver)),
     )
 
 
@@ -101,7 +107,7 @@ class _Problem:
     seen: tuple[TagView, ...]
     cameras: Mapping[str, CameraErrors]
     surfaces: tuple[IntArray, FloatArray]
-    surveyed: frozenset[int]
+    known: frozenset[int]
     warnings: tuple[str, ...]
     continues: bool
 
@@ -134,10 +140,17 @@ class _Problem:
             tuple(views),
             tags.cameras,
             (base + nodes.surfaces[0], nodes.surfaces[1]),
-            frozenset(each.number for each in known if not tags.continues),
+            frozenset(each.number for each in known),
             () if tags.continues else _missing(tags.known, known),
             tags.continues,
         )
+
+    def fitting(self, solver: JointSolver) -> dict[int, list[bool]]:
+        """Of each tag by its number, whether its views count."""
+        found: dict[int, list[bool]] = {tag: [] for tag in self.numbers}
+        for view, weight in zip(self.seen, solver.weights[len(self.fixed) :], strict=True):
+            found[view.number].append(bool(weight > 0.0))
+        return found
 
     def ties(self) -> Ties:
         names = {name: k for k, name in enumerate(self.cameras)}
@@ -204,21 +217,46 @@ def _covariances(
     return held + scatter if problem.continues else with_scatter(poses, held, scatter)
 
 
+def _not_there(problem: _Problem, solver: JointSolver) -> list[str]:
+    """What to tell of known tags of which no view fits."""
+    where = "map that is continued" if problem.continues else "survey"
+    return [
+        f"tag {tag} is not where the {where} has it: none of {len(fits)} views fits"
+        for tag, fits in problem.fitting(solver).items()
+        if tag in problem.known and not any(fits)
+    ]
+
+
+def _carried_elsewhere(problem: _Problem, solver: JointSolver) -> set[int]:
+    """Tags of the earlier map of which no view fits. One view alone may have a wrong number."""
+    if not problem.continues:
+        return set()
+    found = problem.fitting(solver).items()
+    return {tag for tag, fits in found if tag in problem.known and len(fits) > 1 and not any(fits)}
+
+
+def _left_out(problem: _Problem, solver: JointSolver) -> list[str]:
+    """What to tell of tags that nothing holds, which are no landmarks."""
+    loose = set(solver.loose().tolist())
+    return [
+        f"tag {tag} is left out: its {len(fits)} views fit neither each other nor the map"
+        for tag, fits in problem.fitting(solver).items()
+        if problem.numbers[tag] in loose
+    ]
+
+
 def _landmarks(problem: _Problem, solver: JointSolver) -> tuple[Landmark, ...]:
     covariances = solver.covariances(0 if problem.base else int(problem.keyframes[0]))
-    weights = solver.weights[len(problem.fixed) :]
-    found = []
-    for tag, number in problem.numbers.items():
-        mine = np.array([view.number == tag for view in problem.seen])
-        doubted = int(np.count_nonzero(weights[mine] == 0.0))
-        found.append(
-            Landmark(
-                tag,
-                solver.poses[number],
-                covariances[number],
-                int(mine.sum()),
-                doubted,
-                tag in problem.surveyed,
-            )
+    loose, fitting = set(solver.loose().tolist()), problem.fitting(solver)
+    return tuple(
+        Landmark(
+            tag,
+            solver.poses[number],
+            covariances[number],
+            len(fitting[tag]),
+            fitting[tag].count(False),
+            tag in problem.known and not problem.continues,
         )
-    return tuple(found)
+        for tag, number in problem.numbers.items()
+        if number not in loose
+    )

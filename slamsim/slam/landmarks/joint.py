@@ -135,12 +135,21 @@ class JointSolver:
             self.weights = fitting.astype(np.float64)
             self.relax()
 
+    def loose(self) -> IntArray:
+        """Numbers of the poses that nothing ties any more: all that tied them is withdrawn."""
+        tied = np.zeros(len(self.poses), dtype=np.bool_)
+        tied[self._ends[self.weights > 0.0]] = True
+        tied[self._pairs] = True
+        return np.flatnonzero(~tied)
+
     def covariances(self, fixed: int) -> FloatArray:
         """(n, 3, 3) relative to a pose, which is held fixed from now on, of small steps of each in
-        its own frame."""
+        its own frame. Those of loose poses mean nothing."""
         self._fix(fixed)
         found = np.zeros((len(self.poses), 3, 3))
-        diagonal = self._factor(np.zeros((3, 3))).inverse_diagonal()
+        least = np.zeros((self._unknowns + 1, 3, 3))
+        least[self._number[self.loose()]] = LEAST_KNOWN
+        diagonal = self._factor(least[:-1]).inverse_diagonal()
         found[self._others] = diagonal[: len(self._others)]
         return found
 
@@ -202,8 +211,8 @@ class JointSolver:
         return found[:-1]
 
     def _factor(self, least: FloatArray, damping: float = 0.0) -> BlockFactor:
-        """What everything knows of the unknowns, factorised. least: known of each; damping: share
-        of the diagonal on top."""
+        """What everything knows of the unknowns, factorised. least: known of each, or of all
+        alike; damping: share of the diagonal on top."""
         system = empty_system(self._panels)
         _, carry = self._errors_of_edges()
         believed, parts = self.weights[:, None, None] * self._believed, self._parts(carry)
@@ -215,7 +224,7 @@ class JointSolver:
         once = self._pairs[:, 0] <= self._pairs[:, 1]
         add_blocks(self._panels, system, self._number[self._pairs[once]], self._known[once])
         own = np.repeat(np.arange(self._unknowns)[:, None], 2, axis=1)
-        known = np.tile(least, (self._unknowns, 1, 1))
+        known = np.broadcast_to(least, (self._unknowns, 3, 3)).copy()
         prior = np.square(1.0 / self._ties.sigmas).reshape(-1, 3)
         known[len(self.poses) - 1 :] = prior[:, :, None] * np.eye(3)
         known += damping * np.eye(3) * blocks_at(self._panels, system, own)
