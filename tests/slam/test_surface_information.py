@@ -15,6 +15,7 @@ from slamsim.core.types import FloatArray, PlanarTrajectory
 from slamsim.models.supernodes import add_block, empty_system, make_panels
 from slamsim.slam.backend.smoothing import Smoothed
 from slamsim.slam.backend.surface_information import (
+    MapInformation,
     SurfaceInformation,
     drift_between,
     smoothed_information,
@@ -207,3 +208,15 @@ def test_where_a_guess_joins_two_key_frames_the_drive_makes_them_no_surer(first:
         expected += carry @ drift[k] @ carry.T
     assert found.shape == (6 - first, 3, 3)
     np.testing.assert_allclose(found[-1], expected, atol=1e-4)
+
+
+def test_the_way_from_an_earlier_maps_frame_was_not_driven() -> None:
+    poses = np.random.default_rng(5).normal(size=(5, 3)) * [50.0, 50.0, 2.0]
+    information, scatter = nothing_seen(poses)[0], np.zeros((5, 3, 3))
+    steps = MapInformation(information, scatter, 2, held=False).steps()
+    assert [(e.source, e.target, e.kind) for e in steps] == [
+        (-1, 0, "match"),
+        (0, 1, "odometry"),
+        (1, 2, "odometry"),
+    ]
+    np.testing.assert_allclose(steps[0].T_source_target, poses[2])

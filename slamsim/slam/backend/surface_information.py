@@ -146,7 +146,10 @@ class MapInformation(NamedTuple):
         return self.surfaces.blocks(1, self.surfaces.bases[0])
 
     def steps(self) -> list[GraphEdge]:
-        """The odometry between these key frames, and closures that no surfaces stand for."""
+        """The odometry between these key frames, and closures that no surfaces stand for.
+
+        The way from the earlier map's frame to the first of them was not driven: it is a match.
+        """
         whole, count = self.surfaces, len(self.surfaces.poses)
         chain = np.stack([np.arange(count - 1), np.arange(1, count)], axis=1)
         ends = np.concatenate([chain, whole.closures[0]])
@@ -158,7 +161,8 @@ class MapInformation(NamedTuple):
                 before = source < self.first
                 step = between(np.zeros(3) if before else bases[source], bases[target])
                 covariance = _carried(rotation(step[2]), covariances[k])  # in the source's frame
-                kind: EdgeKind = "odometry" if k < count - 1 else "closure"
+                way: EdgeKind = "match" if before else "odometry"
+                kind = way if k < count - 1 else "closure"
                 numbers = -1 if before else source - self.first, target - self.first
                 found.append(GraphEdge(*numbers, step, covariance, kind))
         return found
