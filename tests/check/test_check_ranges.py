@@ -15,7 +15,7 @@ from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding
 from slamsim.check.questions.inertial.gravity import check_inertial
 from slamsim.check.questions.ranges.ranges import check_ranges
-from slamsim.check.questions.ranges.rounding import rounding_step_m
+from slamsim.check.questions.ranges.rounding import MAX_STEP_M, rounding_step_m
 from slamsim.check.questions.streams.scan_times import check_scan_time
 from slamsim.check.scan_sample import sample_scans
 from slamsim.core.types import Float32Array, FloatArray
@@ -379,12 +379,34 @@ def test_the_step_of_rounded_ranges_is_found(step_m: float, begin_m: float, seed
 
 
 @pytest.mark.parametrize(
-    "readings",
-    [np.zeros(0), np.full(500, 2.0), np.tile([1.0, 1.25, 1.5], 400), np.linspace(1.0, 8.0, 900)],
-    ids=["none", "one value", "three values", "each once"],
+    ("readings", "found"),
+    [
+        (np.zeros(0), None),
+        (np.full(500, 2.0), None),
+        (np.tile([1.0, 1.25, 1.5], 400), None),
+        (np.arange(1.0, 8.0, 0.25), None),
+        (np.linspace(1.0, 8.0, 900), 0.0),
+        (np.linspace(1.0, 8.0, 90_000), 0.0),
+    ],
+    ids=["none", "one value", "three values", "few, once each", "each once", "without gaps"],
 )
-def test_what_does_not_repeat_steps_is_not_called_rounded(readings: FloatArray) -> None:
-    assert rounding_step_m(readings) == 0.0
+def test_what_does_not_repeat_steps_is_not_called_rounded(
+    readings: FloatArray, found: float | None
+) -> None:
+    assert rounding_step_m(readings) == found
+
+
+def test_steps_as_long_as_a_cell_are_no_fault() -> None:
+    """To the last bit, wherever the steps begin."""
+    for begin_m in np.arange(0.5, 4.0, 0.05):
+        steps_m = (begin_m + 0.05 * np.arange(20)).astype(np.float32)
+        assert rounding_step_m(np.repeat(steps_m, 20).astype(np.float64)) == MAX_STEP_M
+
+
+def test_readings_too_few_to_show_a_step_are_not_called_fine() -> None:
+    for ranges_m in (np.full_like(room(), np.inf), np.full_like(room(), 2.0)):
+        found = range_findings(recorded(ranges_m.astype(np.float32)))
+        assert [one.verdict for one in found if one.check == "ranges.rounding"] == ["inconclusive"]
 
 
 def test_a_room_without_noise_keeps_no_step() -> None:

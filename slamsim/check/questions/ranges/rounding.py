@@ -6,7 +6,14 @@ import numpy as np
 
 from slamsim.check.fault_groups import BY_SCANS
 from slamsim.check.findings import Curve, Finding, Measurement, Plot
-from slamsim.check.question import FaultKind, Question, anywhere, judge, same_subject
+from slamsim.check.question import (
+    FaultKind,
+    Question,
+    anywhere,
+    judge,
+    same_subject,
+    unanswered,
+)
 from slamsim.check.scan_sample import ScanSample, positive
 from slamsim.core.types import FloatArray
 
@@ -51,6 +58,9 @@ def check_rounding(topic: str, sample: ScanSample) -> Finding:
     """The step between readings; of readings that keep none nothing is said but that."""
     readings = positive(sample)
     step_m = rounding_step_m(readings)
+    if step_m is None:
+        few = f"{readings.size} readings do not show whether they keep a common step"
+        return unanswered(ROUNDING, topic, f"{few}; what would tell: {ROUNDING.excitation_wanted}")
     words = "readings keep no common step" if step_m == 0.0 else _words(step_m)
     return judge(
         ROUNDING,
@@ -63,19 +73,24 @@ def check_rounding(topic: str, sample: ScanSample) -> Finding:
 
 
 def _words(step_m: float) -> str:
-    return f"all readings are multiples of {1e3 * step_m:.3g} mm"
+    return f"readings are {1e3 * step_m:.3g} mm or a multiple of that apart"
 
 
-def rounding_step_m(readings_m: FloatArray) -> float:
-    """The step of which readings (n,) are multiples, but for a constant; 0 if none is evident."""
-    values = np.unique(np.round(readings_m / SAME_M)) * SAME_M
-    values = values[np.diff(values, prepend=-1.0) > 1.5 * SAME_M]
-    if values.size < LEAST_VALUES or readings_m.size < LEAST_EACH * values.size:
+def rounding_step_m(readings_m: FloatArray) -> float | None:
+    """The step of which readings (n,) are multiples, but for a constant; 0 if none is evident, None
+    if so few readings would not show one."""
+    written = np.unique(np.round(readings_m / SAME_M))
+    if written.size < LEAST_VALUES:
+        return None
+    values = written[np.diff(written, prepend=-np.inf) > 1.5]
+    if values.size < LEAST_VALUES:
         return 0.0
     apart = np.diff(values)
-    step_m = float(np.quantile(apart, USUAL_STEP))
-    off = np.abs(apart / step_m - np.round(apart / step_m))
-    return step_m if float(np.mean(off < OFF_SHARE)) >= MULTIPLES else 0.0
+    step = float(np.quantile(apart, USUAL_STEP))
+    if readings_m.size < LEAST_EACH * values.size:
+        return 0.0 if step * SAME_M <= MAX_STEP_M else None
+    off = np.abs(apart / step - np.round(apart / step))
+    return step * SAME_M if float(np.mean(off < OFF_SHARE)) >= MULTIPLES else 0.0
 
 
 def _plot(readings_m: FloatArray) -> Plot:
