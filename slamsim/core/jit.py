@@ -24,17 +24,29 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+import numpy as np
 from numba.core import caching as numba_caching
+from numba.core import config as numba_config
 from numba.core import event as numba_event
 
 # These modules are half typed: as far as mypy goes, they are not typed at all.
 caching: Any = numba_caching
+config: Any = numba_config
 event: Any = numba_event
 
 _log = logging.getLogger(__name__)
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _PACKAGE = Path(__file__).parents[1]
 _DIGEST_BYTES = hashlib.sha256().digest_size
+
+_read_ns: dict[Path, int] = {}
+"""When the sources were last changed that the name of the folder is made of."""
+
+
+def _libraries() -> str:
+    """What makes code differ between the environments of a machine: where numba finds Intel's
+    vector library, code calls it, which cannot run without and gives other bytes."""
+    return f"{numba.__version__} {np.__version__} {config.USING_SVML}"
 
 
 @cache
@@ -43,11 +55,13 @@ def _cache_folder() -> Path | None:
 
     A cache is code: one that another user could have written to is not used.
     """
-    digest = hashlib.sha256(numba.__version__.encode())
+    digest = hashlib.sha256(_libraries().encode())
     for source in sorted(_PACKAGE.rglob("*.py")):
+        changed_ns = source.stat().st_mtime_ns
         text = source.read_bytes()
         if b"@kernel" in text:
             digest.update(text)
+            _read_ns[source] = changed_ns
     root = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
     try:
         parent = Path(root) if root else Path.home() / ".cache"
@@ -90,6 +104,10 @@ class _Locator(caching.UserProvidedCacheLocator):  # type: ignore[misc]
     def from_function(cls, py_func: Callable[..., Any], py_file: str) -> _Locator:
         return cls(py_func, py_file)
 
+    def get_source_stamp(self) -> bytes:
+        """Of the text: numba 0.61 asks when a file was written, which no two checkouts share."""
+        return hashlib.sha256(Path(self._py_file).read_bytes()).digest()
+
 
 class _Impl(caching.CompileResultCacheImpl):  # type: ignore[misc]
     _locator_classes = [_Locator]  # noqa: RUF012 - a name of theirs
@@ -97,7 +115,7 @@ class _Impl(caching.CompileResultCacheImpl):  # type: ignore[misc]
     def get_filename_base(self, fullname: str, abiflags: str) -> str:
         """Checkouts and environments with the same kernels share what they compile: a module of
         the package is told by its place in it, another by its path."""
-        place = self._locator._py_file.removeprefix(str(_PACKAGE))
+        place = self._locator._py_file.removeprefix(f"{_PACKAGE}{os.sep}")
         place = hashlib.sha256(place.encode()).hexdigest()[:8]
         return f"{super().get_filename_base(fullname, abiflags)}-{place}"
 
@@ -128,6 +146,15 @@ class _CheckedFile(caching.IndexDataCacheFile):  # type: ignore[misc]
         version, stamp, overloads = pickle.loads(self._checked(data))
         fresh = version == self._version and stamp == self._source_stamp
         return cast(dict[Any, str], overloads) if fresh else {}
+
+    def save(self, key: Any, data: Any) -> None:
+        """With what it is for: of two processes that save at once, one may write over a file that
+        the other's index names."""
+        super().save(key, (self._source_stamp, key, data))
+
+    def load(self, key: Any) -> Any:
+        found = super().load(key)
+        return found[2] if found and found[:2] == (self._source_stamp, key) else None
 
     def _load_data(self, name: str) -> object:
         return pickle.loads(self._checked(Path(self._data_path(name)).read_bytes()))
@@ -161,7 +188,8 @@ class _ForgivingCache(caching.FunctionCache):  # type: ignore[misc]
 
     def save_overload(self, sig: Any, data: Any) -> None:
         try:
-            super().save_overload(sig, data)
+            if _are_as_read():
+                super().save_overload(sig, data)
         except Exception as error:  # a full disk, a folder taken away
             _log.warning("kernel %s could not be cached: %s", self._py_func.__name__, error)
 
@@ -170,6 +198,12 @@ class _ForgivingCache(caching.FunctionCache):  # type: ignore[misc]
             Path(self._cache_file._index_path).unlink(missing_ok=True)
         except OSError as error:
             _log.warning("damaged kernel cache stays: %s", error)
+
+
+def _are_as_read() -> bool:
+    """Whether the sources are still those that the folder is named after. Of what is edited while
+    a program runs, it may have imported either state."""
+    return all(path.stat().st_mtime_ns == then for path, then in _read_ns.items())
 
 
 def _package_of(function: Callable[..., Any]) -> str:

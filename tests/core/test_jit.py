@@ -11,6 +11,7 @@ import sys
 from contextlib import nullcontext
 from pathlib import Path
 
+import numpy as np
 import pytest
 from numba.core.errors import TypingError
 from sources import tree_of
@@ -106,6 +107,63 @@ def test_checkouts_share_what_they_compile(
         monkeypatch.syspath_prepend(str(folder))
         imported()
         assert capsys.readouterr().out == f"7.0 {compiles}\n"
+
+
+def test_modules_beside_the_package_are_told_by_their_path(
+    cache: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What they call besides our kernels may differ, even where a folder begins with our name."""
+    for place in ("one", "two"):
+        folder = cache.parent / place / "slamsim_more"
+        folder.mkdir(parents=True)
+        (folder / "kernels.py").write_text(MODULE)
+        monkeypatch.setattr(jit, "_PACKAGE", cache.parent / place / "slamsim")
+        monkeypatch.syspath_prepend(str(folder))
+        imported()
+        assert capsys.readouterr().out == "7.0 True\n"
+
+
+def test_an_entry_that_another_process_wrote_over_is_not_run(tmp_path: Path) -> None:
+    """Both found no index, and took the same number for the code of different types."""
+    one, other = (jit._CheckedFile(str(tmp_path), "kernel", b"source") for _ in range(2))
+    one.save("of integers", "code for integers")
+    (tmp_path / one._index_name).unlink()
+    code = tmp_path.joinpath("kernel.1.nbc").read_bytes()
+    other.save("of floats", "code for floats")
+    assert other.load("of floats") == "code for floats"
+    tmp_path.joinpath("kernel.1.nbc").write_bytes(code)
+    assert other.load("of floats") is None
+    other.save("of floats", "code for floats")
+    assert other.load("of floats") == "code for floats"
+
+
+def test_what_is_compiled_while_sources_are_edited_is_not_kept(
+    cache: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A caller may be of one state and what it calls of another."""
+    source = cache.parent / "kernels.py"
+    monkeypatch.setattr(jit, "_read_ns", {source: source.stat().st_mtime_ns - 1})
+    for _ in range(2):
+        imported()
+        assert capsys.readouterr().out == "7.0 True\n"
+    assert list(cache.iterdir()) == []
+    monkeypatch.setattr(jit, "_read_ns", {source: source.stat().st_mtime_ns})
+    for compiles in (True, False):
+        imported()
+        assert capsys.readouterr().out == f"7.0 {compiles}\n"
+
+
+def test_environments_share_only_what_their_libraries_make_alike(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(jit, "_read_ns", {})
+    usual = jit._cache_folder.__wrapped__()
+    assert jit._cache_folder.__wrapped__() == usual
+    monkeypatch.setattr(jit.config, "USING_SVML", not jit.config.USING_SVML)
+    vectors = jit._cache_folder.__wrapped__()
+    monkeypatch.setattr(np, "__version__", "another")
+    assert len({usual, vectors, jit._cache_folder.__wrapped__()}) == 3
 
 
 def test_nowhere_to_write_costs_the_cache_and_not_the_run(tmp_path: Path) -> None:
