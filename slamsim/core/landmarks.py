@@ -71,12 +71,13 @@ AS_CLAIMED = CameraErrors()
 class TagsSeen:
     """What the images of a drive show of tags, and those whose places are known. cameras: by the
     names that observations have. continues: whether the drive goes on with a map, in whose frame it
-    then is; known tags are that map's."""
+    then is; known tags are that map's. joined: whether anything but a guess says where in it."""
 
     observations: tuple[TagObservation, ...] = ()
     known: tuple[KnownTag, ...] = ()
     cameras: Mapping[str, CameraErrors] = field(default_factory=dict)
     continues: bool = False
+    joined: bool = True
 
 
 NO_TAGS = TagsSeen()
@@ -87,7 +88,8 @@ class Landmark:
     """A tag in the finished map.
 
     T_map_tag: (3,) its middle, and the way it faces. covariance: (3, 3) of a small step in its own
-    frame, relative to where the map is held: its first key frame, or the survey. seen: key frames
+    frame, relative to where the map is held: its first key frame, the survey, or the map
+    that it goes on with. seen: key frames
     that see it; doubted: of these, those that do not fit and count for nothing.
     """
 

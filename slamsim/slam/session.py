@@ -294,8 +294,8 @@ def map_log(
         result = session.finish(_rest_of(progress, len(log.scans), whole))
         before_tags = () if earlier is None else earlier.landmarks
         if earlier is not None:
-            known = before_tags if session.joined else ()
-            tags = replace(tags, known=tuple(map(as_known, known)), continues=True)
+            known = tuple(map(as_known, before_tags)) if session.joined else ()
+            tags = replace(tags, known=known, continues=True, joined=session.joined)
         result = held_by_tags(result, session.information, tags, config, failures)
         saved = session.saved(result, before_tags)
     progress(whole, whole)

@@ -237,6 +237,18 @@ def test_a_tag_that_was_carried_elsewhere_is_mapped_anew() -> None:
     assert told[0].startswith("tag 0 ")
 
 
+def test_tags_of_a_drive_that_nothing_joins_hang_on_its_own_first_key_frame() -> None:
+    first, second = room(4), room(5)
+    _, saved = map_log(first.log, CONFIG)
+    tags = TagsSeen(observed(second, TAGS_IN_ROOM, 5, 400_000_000))
+    on, whole = map_log(second.log, CONFIG, earlier=saved, tags=tags)
+
+    assert len(whole) == len(on.graph.keyframes)
+    assert len(whole.landmarks) == 4
+    for tag in whole.landmarks:
+        assert np.sqrt(np.trace(tag.covariance[:2, :2])) < 0.02  # in the earlier map a metre
+
+
 def test_views_are_means_that_leave_out_what_is_far_off(
     driven: tuple[Simulated, SlamResult, tuple[TagObservation, ...]],
 ) -> None:

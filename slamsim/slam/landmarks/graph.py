@@ -110,6 +110,7 @@ class _Problem:
     known: frozenset[int]
     warnings: tuple[str, ...]
     continues: bool
+    joined: bool
 
     @staticmethod
     def of(nodes: Nodes, views: Sequence[TagView], tags: TagsSeen) -> _Problem:
@@ -143,6 +144,7 @@ class _Problem:
             frozenset(each.number for each in known),
             () if tags.continues else _missing(tags.known, known),
             tags.continues,
+            tags.joined,
         )
 
     def fitting(self, solver: JointSolver) -> dict[int, list[bool]]:
@@ -246,7 +248,9 @@ def _left_out(problem: _Problem, solver: JointSolver) -> list[str]:
 
 
 def _landmarks(problem: _Problem, solver: JointSolver) -> tuple[Landmark, ...]:
-    covariances = solver.covariances(0 if problem.base else int(problem.keyframes[0]))
+    # A drive that nothing joins to the earlier map is a map of its own.
+    hangs = problem.base and problem.joined
+    covariances = solver.covariances(0 if hangs else int(problem.keyframes[0]))
     loose, fitting = set(solver.loose().tolist()), problem.fitting(solver)
     return tuple(
         Landmark(
