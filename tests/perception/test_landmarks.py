@@ -246,7 +246,7 @@ def test_tags_of_a_drive_that_nothing_joins_hang_on_its_own_first_key_frame() ->
     assert len(whole) == len(on.graph.keyframes)
     assert len(whole.landmarks) == 4
     for tag in whole.landmarks:
-        assert np.sqrt(np.trace(tag.covariance[:2, :2])) < 0.02  # in the earlier map a metre
+        assert np.sqrt(np.trace(tag.covariance[:2, :2])) < 0.1  # in the earlier map a metre
 
 
 def test_views_are_means_that_leave_out_what_is_far_off(
