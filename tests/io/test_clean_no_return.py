@@ -78,6 +78,27 @@ def test_codes_are_found_and_no_surface_is_lost(name: str, share: float) -> None
     assert any("no return" in words for words in limit.warnings(declared_m))
 
 
+def test_readings_that_stand_out_below_the_declared_maximum_are_a_code() -> None:
+    """They are spread over 5 cm, as where a driver adds noise to its maximum."""
+    surfaces, nothing = written(box(tour(), ROOM)), lost(0.05)
+    spread_m = np.random.default_rng(6).uniform(19.952, 20.0, surfaces.shape)
+    readings = np.where(nothing, spread_m, surfaces).astype(np.float32)
+    limit = find_limit(readings, STEP_RAD, 20.0, tour()[:, :2])
+    assert surfaces.max() < limit.maximum_m(20.0) <= readings[nothing].min()
+
+
+def test_a_wall_at_the_end_of_the_range_seen_through_gaps_is_no_code() -> None:
+    """Posts and legs of chairs 1.5 m away hide much of a wall along which the robot drives."""
+    poses = along(400, 0.04)
+    poses[:, :2] += np.random.default_rng(5).normal(0.0, 0.002, (400, 2))
+    is_gap = np.random.default_rng(8).random((400, 180)) < 0.4
+    readings = written(np.minimum(box(poses, (40.0, 6.96)), np.where(is_gap, 9.0, 1.5)), 0.01)
+    readings[readings >= 3.5] = np.inf
+    alone = (readings[:, 1:-1] > 3.0) & (readings[:, :-2] < 3.0) & (readings[:, 2:] < 3.0)
+    assert alone.sum() > 300
+    assert find_limit(readings, STEP_RAD, 3.5, poses[:, :2]).codes == ()
+
+
 @pytest.mark.parametrize("mixed", [0.0, -1.0, np.nan, np.inf])
 def test_what_is_no_distance_is_no_matter(mixed: float) -> None:
     readings = np.where(lost(), mixed, written(box(tour(), ROOM))).astype(np.float32)

@@ -12,6 +12,11 @@ pile-up at the top of the readings. Two tests ask how likely surfaces would show
    beams within a band than that allows needs unrelated surfaces at one distance, each with a chance
    of the band's width over half the range.
 
+Just below the declared maximum a band may hold surfaces that the range cuts off, as a wall along
+which the robot drives. There the first test asks, where positions are known, only readings between
+two much nearer ones, which are no part of such a surface. A surface that is seen through gaps, and
+wherever the robot drives in the last quarter of a percent of the range, would be lost.
+
 Surfaces alone are taken for a code with a probability below ``FALSE_ALARM``.
 """
 
@@ -20,7 +25,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -36,7 +41,11 @@ CELL_M = 0.25
 OUTLIERS = 1e-4
 """Share of readings that may lie above a code: single wrong measurements."""
 NEAR_DECLARED = 0.99
-"""From here on a spread of readings may be surfaces cut off by the range: only repeats count."""
+"""From here on a spread of readings may be surfaces cut off by the range: repeats count, and
+readings that stand out."""
+STANDS_OUT = 0.9
+"""Both neighbours of a reading that stands out are nearer than this share of it: a surface of all
+three would slant by more than 80 degrees even where beams are a degree apart."""
 LEAST_BEYOND, MAX_BEYOND, MOST_BEYOND = 20, 2e-3, 0.5
 """A declared maximum is wrong if so many readings exceed it and more than the first share: fewer
 are rounding. If more than the second share do, the unit is wrong."""
@@ -161,12 +170,14 @@ class _Readings:
     """Readings that are distances, in the order of scans and beams.
 
     values: (n,). scan, beam: (n,) of which each is; beams are counted on from scan to scan.
+    stands_out: (n,) whether both beams beside it end at a surface that is much nearer.
     is_look: (scans,) which are compared. is_elsewhere: whether these are from different places.
     """
 
     values: FloatArray
     scan: IntArray
     beam: IntArray
+    stands_out: BoolArray
     is_look: BoolArray
     is_elsewhere: bool
     step_rad: float
@@ -181,12 +192,22 @@ class _Readings:
             cells = np.floor(positions_m / CELL_M)
             is_look[:] = False
             is_look[np.unique(cells, axis=0, return_index=True)[1]] = True
-        return cls(values[beam], scan, beam, is_look, positions_m is not None, step_rad)
+        out = _stands_out(values[beam], scan, beam)
+        return cls(values[beam], scan, beam, out, is_look, positions_m is not None, step_rad)
 
     def of_those(self, which: BoolArray) -> Self:
         """The same readings without some."""
-        values, scan, beam = self.values[which], self.scan[which], self.beam[which]
-        return type(self)(values, scan, beam, self.is_look, self.is_elsewhere, self.step_rad)
+        names = ("values", "scan", "beam", "stands_out")
+        return replace(self, **{name: getattr(self, name)[which] for name in names})
+
+
+def _stands_out(values: FloatArray, scan: IntArray, beam: IntArray) -> BoolArray:
+    """See ``_Readings``; a beam without a reading is no surface."""
+    beside = (np.diff(beam) == 1) & (np.diff(scan) == 0)
+    after, before = np.zeros((2, values.size), dtype=np.bool_)
+    after[:-1] = beside & (values[1:] < STANDS_OUT * values[:-1])
+    before[1:] = beside & (values[:-1] < STANDS_OUT * values[1:])
+    return after & before
 
 
 def _beyond(values: FloatArray, declared_m: float) -> float:
@@ -221,22 +242,22 @@ def _code_at_top(readings: _Readings, declared_m: float) -> Code | None:
         from_m = 0.5 * top_m if readings.is_elsewhere else 0.0
         near = (readings.values >= from_m) & (readings.values <= top_m)
         comparable = readings.of_those(near)
-        for low_m in _lows(top_m, declared_m):
-            chance = min(
-                _of_occupancy(comparable, low_m, top_m), _of_runs(comparable, low_m, top_m)
-            )
+        alone = comparable.of_those(comparable.stands_out & readings.is_elsewhere)
+        is_cut_off = NEAR_DECLARED * declared_m <= top_m <= declared_m
+        for low_m in _lows(top_m):
+            telling = alone if is_cut_off and low_m < top_m else comparable
+            chance = min(_of_occupancy(telling, low_m, top_m), _of_runs(telling, low_m, top_m))
             if chance < _LOG_LEVEL:
                 inside = comparable.values[comparable.values >= low_m]
                 found.append((chance, Code(float(inside.min()), top_m, int(inside.size))))
     return min(found, key=lambda one: one[0])[1] if found else None
 
 
-def _lows(top_m: float, declared_m: float) -> Iterator[float]:
+def _lows(top_m: float) -> Iterator[float]:
     """Where bands below a largest reading begin: that reading alone, and wider ones."""
     yield top_m
-    if not NEAR_DECLARED * declared_m <= top_m <= declared_m:
-        for halving in range(HALVINGS + 1):
-            yield top_m * (1.0 - WIDEST_BAND * 0.5**halving)
+    for halving in range(HALVINGS + 1):
+        yield top_m * (1.0 - WIDEST_BAND * 0.5**halving)
 
 
 def _of_occupancy(readings: _Readings, low_m: float, top_m: float) -> float:
@@ -293,7 +314,7 @@ def _of_runs(readings: _Readings, low_m: float, top_m: float) -> float:
     begins = np.ones(beam.size, dtype=np.bool_)
     begins[1:] = (np.diff(beam) != 1) | (np.diff(scan) != 0)
     lengths = np.bincount(np.cumsum(begins) - 1)
-    if lengths.max() <= _flat_wall(low_m, top_m - low_m, readings.step_rad):
+    if lengths.max(initial=0) <= _flat_wall(low_m, top_m - low_m, readings.step_rad):
         return 0.0
     quantum_m = float(np.diff(np.unique(readings.values)).min(initial=top_m))
     width_m = top_m - low_m + quantum_m
