@@ -32,7 +32,8 @@ _ROWS: dict[type[object], tuple[str, ...]] = {
 
 
 class SlamFeed:
-    """Holds each scan back until every stream that ever spoke has covered its end.
+    """Holds each scan back until every stream that ever spoke has covered its end, the inertial
+    unit the reading of the wheels after it too.
 
     limit: beyond which a reading of the lidar is no return.
     """
@@ -51,11 +52,11 @@ class SlamFeed:
         for stream in streams:
             if len(stream):
                 self._keep(stream)
-        while self._waiting and self._ready(self._waiting[0]):
-            scan = self._waiting.popleft()
-            end_ns = scan.span_ns[1]
+        while self._waiting and self._ready(end_ns := self._waiting[0].span_ns[1]):
+            rolled_ns = self._rolled_ns(end_ns)
             odometry, ticks = self._odometry.until(end_ns), self._ticks.until(end_ns)
-            yield scan, MotionSamples(odometry, ticks, self._imu.until(end_ns))
+            motion = MotionSamples(odometry, ticks, self._imu.until(rolled_ns))
+            yield self._waiting.popleft(), motion
 
     def _keep(self, stream: Arrived) -> None:
         if isinstance(stream, RawScans):
@@ -80,12 +81,19 @@ class SlamFeed:
         rows = rows[_rising(np.concatenate([[last_ns], raw.stamps_ns[rows]]))[1:]]
         return RecordedScans(raw, rows, raw.stamps_ns[rows], self._limit)
 
-    def _ready(self, scan: Scan) -> bool:
-        end_ns = scan.span_ns[1]
-        motions = [ns for kind, ns in self._newest_ns.items() if kind is not RawScans]
-        if motions and min(motions) >= end_ns:
+    def _ready(self, end_ns: int) -> bool:
+        if max(self._newest_ns.values()) - end_ns > PATIENCE_NS:
             return True
-        return max(self._newest_ns.values()) - end_ns > PATIENCE_NS
+        motions_ns = [ns for kind, ns in self._newest_ns.items() if kind is not RawScans]
+        rolled_ns = self._rolled_ns(end_ns)
+        covered = bool(motions_ns) and min(motions_ns) >= end_ns
+        return covered and self._newest_ns.get(RawImu, rolled_ns) >= rolled_ns
+
+    def _rolled_ns(self, end_ns: int) -> int:
+        """Until when the inertial unit has to be known: an interval of the wheels is taken in once
+        the gyroscope covers all of it, and without the one that a scan ends in, the scan's last
+        part would be extrapolated."""
+        return max(self._odometry.first_ns(end_ns), self._ticks.first_ns(end_ns))
 
 
 class _Held(Generic[_Stream]):
@@ -98,6 +106,11 @@ class _Held(Generic[_Stream]):
         """None stands for messages without sound numbers."""
         if part is not None:
             self._parts.append(part)
+
+    def first_ns(self, end_ns: int) -> int:
+        """Stamp of the first one that is not earlier; end_ns itself where that was given before."""
+        stamps_ns = (ns for part in self._parts for ns in part.stamps_ns.tolist())
+        return min((ns for ns in stamps_ns if ns >= end_ns), default=end_ns)
 
     def until(self, end_ns: int) -> _Stream | None:
         """Those up to the first one that is not earlier; None without any."""
