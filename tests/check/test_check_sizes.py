@@ -22,7 +22,9 @@ from slamsim.check.calibration.explanation import (
 )
 from slamsim.check.calibration.joint import calibrate_inputs
 from slamsim.check.calibration.noise import Pieces, pieces_of
+from slamsim.check.findings import SURE_SIGMAS
 from slamsim.check.motion.inputs import Inputs
+from slamsim.check.questions import changes
 from slamsim.check.questions.changes import check_changes
 from slamsim.check.questions.ranges.scale import check_range_scale
 from slamsim.core.types import BoolArray, FloatArray
@@ -195,6 +197,13 @@ def test_a_laser_that_is_knocked_during_the_drive_is_told_with_the_instant(
 
 
 def test_healthy_sizes_do_not_change() -> None:
+    """Not even by as much as their standard deviations make a fault of, whatever the limits."""
     for seed in range(6):
-        found = check_changes(Robot(seconds=60.0, seed=seed).calibrated())
-        assert {one.verdict for one in found} == {"ok"}
+        calibration = Robot(seconds=60.0, seed=seed).calibrated()
+        assert {one.verdict for one in check_changes(calibration)} == {"ok"}
+        pieces = calibration.fit.pieces
+        assert pieces is not None
+        for quantity in (one for each in changes.QUANTITIES.values() for one in each):
+            steps = changes._steps(pieces, quantity)
+            assert steps
+            assert all(abs(one.size.value) < SURE_SIGMAS * one.size.sigma for one in steps)
