@@ -67,6 +67,20 @@ def test_one_flipped_bit_in_any_file_is_named_and_nothing_else_is(
         (scratch / name).write_bytes(files[name])
 
 
+def test_a_sequence_is_judged_by_the_manifest_and_not_by_what_it_says_of_itself(
+    scratch: Path,
+) -> None:
+    """One that can be read as before, which few flipped bits leave so."""
+    files = tree(scratch)
+    name = next(name for name in sorted(files) if name.endswith("sequence.json"))
+    (scratch / name).write_bytes(files[name] + b" ")
+    try:
+        (finding,) = verify(str(scratch)).findings
+        assert finding.path == name and "not as the manifest has it" in finding.reason
+    finally:
+        (scratch / name).write_bytes(files[name])
+
+
 def test_every_file_is_missed_when_it_is_gone_or_cut(scratch: Path) -> None:
     files = tree(scratch)
     judges = [name for name in files if name.endswith((SUMS, MANIFEST, "sequence.json"))]
