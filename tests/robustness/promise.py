@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from promise_endings import Ended, Ending
 
 _LOADED = (
-    *("slamsim.cli.main", "slamsim.run.checking", "slamsim.run.fixing", "slamsim.run.fixing"),
+    *("slamsim.cli.main", "slamsim.run.checking", "slamsim.run.fixing"),
     *("slamsim.run.recovering", "slamsim.run.verifying", "slamsim.run.evaluation"),
     *(
         "slamsim.run.recording",
