@@ -81,7 +81,7 @@ def finding_json(finding: Finding) -> dict[str, object]:
         "interval": None if estimate is None else [_number(end) for end in estimate.interval],
         "unit": None if estimate is None else estimate.unit,
         "limit": _number(finding.limit),
-        "mends": [asdict(repair) for repair in finding.repairs],
+        "repairs": [asdict(repair) for repair in finding.repairs],
     }
 
 

@@ -238,11 +238,11 @@ def test_of_two_faults_no_number_is_known() -> None:
     assert truths(RunConfig(), [load_fault("lidar_late"), load_fault("laser_yaw")]) == {}
 
 
-def test_a_fault_that_finds_nothing_to_spoil_is_skipped() -> None:
-    def spoilt(faults: Sequence[Fault]) -> Recording:
+def test_a_fault_that_finds_nothing_to_change_is_skipped() -> None:
+    def damaged(faults: Sequence[Fault]) -> Recording:
         raise CannotEdit("no gyroscope")
 
-    skipped = outcome_of(fault_trials([load_fault("gyro_sign")])[0], spoilt, {})
+    skipped = outcome_of(fault_trials([load_fault("gyro_sign")])[0], damaged, {})
 
     assert skipped.skipped == "no gyroscope"
     assert skipped.said == ()

@@ -52,7 +52,7 @@ def test_nothing_bad_ends_with_0_and_something_bad_with_1(tmp_path: Path) -> Non
     assert code == 1 and "epoch_mismatch" in found["faults"]
     first = next(f for f in found["findings"] if f["fault"] == "epoch_mismatch")
     assert first["subject"] == "/scan" and first["advice"]
-    assert first["mends"][0]["operation"] == "shift_stamps"
+    assert first["repairs"][0]["operation"] == "shift_stamps"
     assert "epoch_mismatch" in (tmp_path / "page.html").read_text()
 
 
@@ -255,7 +255,7 @@ def test_fix_writes_a_copy_that_checks_clean_and_can_be_read(tmp_path: Path) -> 
     made = recording()
     scans = made.scans[0]
     zero = np.where(np.random.default_rng(2).random((300, 60)) < 0.3, 0.0, scans.ranges_m)
-    spoilt = made.with_streams(
+    damaged = made.with_streams(
         RawScans,
         (
             replace(
@@ -265,17 +265,17 @@ def test_fix_writes_a_copy_that_checks_clean_and_can_be_read(tmp_path: Path) -> 
             ),
         ),
     )
-    source = _written(spoilt, tmp_path / "spoilt")
+    source = _written(damaged, tmp_path / "damaged")
     names = "shift_stamps,zero_to_inf"
-    code, found, _ = _run("fix", source, tmp_path / "mended", "--apply", names)
-    applied = [mend["operation"] for mend in found["applied"]]
+    code, found, _ = _run("fix", source, tmp_path / "repaired", "--apply", names)
+    applied = [repair["operation"] for repair in found["applied"]]
     assert set(applied) == {"shift_stamps", "zero_to_inf"}
     assert not {"epoch_mismatch", "range_zero_no_return"} & set(found["faults"])
     assert code == (1 if found["bad"] else 0)
-    log = read_log(tmp_path / "mended")
+    log = read_log(tmp_path / "repaired")
     assert len(log.scans) == 300
     assert not list(tmp_path.glob(".*"))
-    again = read_recording(tmp_path / "mended").scans[0]
+    again = read_recording(tmp_path / "repaired").scans[0]
     assert np.abs(again.stamps_ns - scans.stamps_ns).max() < 200_000_000
 
 
@@ -284,5 +284,5 @@ def test_fix_refuses_in_one_sentence(tmp_path: Path) -> None:
     code, _, error = _run("fix", source, tmp_path / "out", "--apply", "shift_stampz")
     assert code == 1 and "did you mean 'shift_stamps'" in str(error)
     code, _, error = _run("fix", source, tmp_path / "out", "--apply", "reorder")
-    assert (code == 1 and "nothing to mend" in str(error)) or "does not propose" in str(error)
+    assert (code == 1 and "nothing to repair" in str(error)) or "does not propose" in str(error)
     assert not (tmp_path / "out").exists()

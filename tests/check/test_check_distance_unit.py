@@ -1,4 +1,4 @@
-"""Lengths in no metres: found and named on whichever side they are, and mended."""
+"""Lengths in no metres: found and named on whichever side they are, and repaired."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ RANGES = ("range_feet", "range_inches", "range_millimetres_throughout")
 ODOMETRY = ("wheels_centimetres", "wheels_millimetres")
 
 
-def spoilt(name: str) -> Recording:
+def damaged(name: str) -> Recording:
     return load_fault(name).inject(healthy(), np.random.default_rng(0))
 
 
@@ -44,25 +44,25 @@ def usual() -> set[str]:
 
 @pytest.mark.parametrize("name", [*RANGES, *ODOMETRY])
 def test_a_wrong_unit_is_named_and_its_mend_leaves_the_healthy_recording(name: str) -> None:
-    recording = spoilt(name)
+    recording = damaged(name)
     report = check_recording(recording)
     units = [one for one in report.faults if one.fault in ("range_unit", "wheel_unit")]
     assert {one.fault for one in report.faults} - usual() == {load_fault(name).expects}
 
-    mended = apply_repairs(recording, [mend for one in units for mend in one.repairs])
+    repaired = apply_repairs(recording, [repair for one in units for repair in one.repairs])
 
-    assert named(mended) == usual()
+    assert named(repaired) == usual()
     np.testing.assert_allclose(
-        mended.scans[0].ranges_m, healthy().scans[0].ranges_m, rtol=1e-5, atol=1e-5
+        repaired.scans[0].ranges_m, healthy().scans[0].ranges_m, rtol=1e-5, atol=1e-5
     )
     np.testing.assert_allclose(
-        mended.odometries[0].positions_m, healthy().odometries[0].positions_m, atol=1e-6
+        repaired.odometries[0].positions_m, healthy().odometries[0].positions_m, atol=1e-6
     )
 
 
 def test_ranges_without_any_other_stream_are_judged_by_the_room() -> None:
     alone = replace(
-        spoilt("range_millimetres_throughout").with_streams(RawOdometry, ()), transforms=()
+        damaged("range_millimetres_throughout").with_streams(RawOdometry, ()), transforms=()
     )
 
     assert "range_unit" in named(alone)
@@ -101,5 +101,5 @@ def test_the_fit_in_metres_is_that_of_wheels_in_metres(radius_alone: bool) -> No
 
 
 def test_all_proposed_mends_of_a_wrong_unit_can_be_applied() -> None:
-    recording = spoilt("wheels_millimetres")
+    recording = damaged("wheels_millimetres")
     assert apply_repairs(recording, check_recording(recording).repairs)

@@ -82,8 +82,10 @@ def test_exchanged_names_are_told_from_inverted_poses() -> None:
         wrong = fault.inject(whole(), np.random.default_rng(0))
         (found,) = [one for one in asked(wrong) if one.fault == "tf_inverted"]
         assert words in found.words
-        mended = turning_edge(apply_repairs(wrong, found.repairs))
-        np.testing.assert_allclose(mended.positions_m, turning_edge(whole()).positions_m, atol=1e-9)
+        repaired = turning_edge(apply_repairs(wrong, found.repairs))
+        np.testing.assert_allclose(
+            repaired.positions_m, turning_edge(whole()).positions_m, atol=1e-9
+        )
 
 
 def test_a_map_below_the_odometry_is_a_recorded_map_upside_down() -> None:

@@ -148,8 +148,8 @@ def test_accelerations_in_another_unit_are_named_with_it(unit: str, metres: floa
         one for one in check_inertial(RecordingEvidence(other)) if one.check == "imu.gravity"
     ]
     assert found.fault == "gravity_units" and unit in found.words
-    mended = apply_repairs(other, found.repairs).imus[0].linear_acceleration_m_s2
-    np.testing.assert_allclose(mended, made.imus[0].linear_acceleration_m_s2)
+    repaired = apply_repairs(other, found.repairs).imus[0].linear_acceleration_m_s2
+    np.testing.assert_allclose(repaired, made.imus[0].linear_acceleration_m_s2)
 
 
 def test_a_unit_in_a_robot_that_circles_all_the_time_is_not_called_tilted() -> None:

@@ -66,13 +66,13 @@ def test_rays_fixed_to_the_world_are_turned_back() -> None:
     of = world_fixed()
     motions = laser_motions(of)
     assert motions is not None
-    mend = findings(of)["laser.rotation"].repairs[0]
-    drift, offset = (float(mend.parameters[name]) for name in ("drift_rad_s", "offset_rad"))
+    repair = findings(of)["laser.rotation"].repairs[0]
+    drift, offset = (float(repair.parameters[name]) for name in ("drift_rad_s", "offset_rad"))
     yaw = np.unwrap(truth().poses[:, 2])
     gyro_bias_rad_s = 0.01
     assert drift == pytest.approx(gyro_bias_rad_s, abs=1e-3)
     assert np.sin(0.5 * (offset - yaw[0])) == pytest.approx(0.0, abs=0.01)
-    assert named(apply_repairs(of, [mend])) == set()
+    assert named(apply_repairs(of, [repair])) == set()
 
 
 def test_mirrored_scans_are_named() -> None:

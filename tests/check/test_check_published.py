@@ -73,8 +73,8 @@ def test_what_is_proposed_mends_it(name: str, size: float | None) -> None:
     fault = load_fault(name) if size is None else load_fault(name).with_size(size)
     broken = injected(healthy(), [fault], seed=2)
     findings = [one for one in ASKED[name](RecordingEvidence(broken)) if one.fault == fault.expects]
-    mended = apply_repairs(broken, [mend for one in findings for mend in one.repairs])
-    assert fault.expects not in named(ASKED[name](RecordingEvidence(mended)))
+    repaired = apply_repairs(broken, [repair for one in findings for repair in one.repairs])
+    assert fault.expects not in named(ASKED[name](RecordingEvidence(repaired)))
 
 
 def test_a_filtered_copy_of_a_lidar_or_a_unit_is_the_same_sensor() -> None:

@@ -364,8 +364,8 @@ def test_scan_time_fits_stamps_and_sweep(scan_time_s: float, beam_dt_s: float, w
     findings = list(check_scan_time(RecordingEvidence(made)))
     assert [one.fault for one in findings if one.fault] == ["scan_time"] * wrong
     if wrong:
-        mended = apply_repairs(made, findings[0].repairs)
-        (found,) = check_scan_time(RecordingEvidence(mended))
+        repaired = apply_repairs(made, findings[0].repairs)
+        (found,) = check_scan_time(RecordingEvidence(repaired))
         assert found.verdict == "ok"
 
 

@@ -58,11 +58,11 @@ def _made(case: Case, folder: Path) -> Recording:
 
 
 @pytest.mark.parametrize("repair", SPOILING, ids=lambda one: str(one.operation))
-def test_what_spoils_a_recording_puts_its_scans_apart(clean: Recording, repair: Repair) -> None:
-    right, spoilt = beam_ends(clean), beam_ends(apply_repairs(clean, [repair]))
-    assert right.mean_m is not None and spoilt.mean_m is not None
-    assert 0.003 < right.mean_m < 0.02 and right.mean_m < spoilt.mean_m
-    assert change(right, spoilt).worse and change(spoilt, right).mean_m < 0.0
+def test_what_damages_a_recording_puts_its_scans_apart(clean: Recording, repair: Repair) -> None:
+    right, damaged = beam_ends(clean), beam_ends(apply_repairs(clean, [repair]))
+    assert right.mean_m is not None and damaged.mean_m is not None
+    assert 0.003 < right.mean_m < 0.02 and right.mean_m < damaged.mean_m
+    assert change(right, damaged).worse and change(damaged, right).mean_m < 0.0
     assert not change(right, right).worse and not change(right, right).better
 
 
@@ -127,8 +127,8 @@ WRECKS: dict[str, tuple[Callable[[Recording], Recording], tuple[str, str, float 
 @pytest.mark.parametrize("name", WRECKS)
 def test_rays_are_turned_back_as_a_whole_too(clean: Recording, name: str) -> None:
     """No yaw is left that a wrong mount would have to make up for."""
-    spoil, (operation, parameter, value) = WRECKS[name]
-    found = restored(spoil(clean), "all", check_recording)
+    damage, (operation, parameter, value) = WRECKS[name]
+    found = restored(damage(clean), "all", check_recording)
     (made,) = (one for one in found.applied if one.operation == operation)
     assert made.parameters[parameter] == value
     assert not found.report.faults and not found.taken_back
@@ -140,10 +140,10 @@ def test_rays_are_turned_back_as_a_whole_too(clean: Recording, name: str) -> Non
 
 def test_rays_that_turn_twice_are_named_and_turned_back(clean: Recording) -> None:
     twice = [Repair("turn_with_robot", "/scan", {"heading_from": "/odom"})]
-    spoilt = apply_repairs(clean, twice)
-    faults = {finding.fault for finding in check_recording(spoilt).faults}
+    damaged = apply_repairs(clean, twice)
+    faults = {finding.fault for finding in check_recording(damaged).faults}
     assert "laser_turned_twice" in faults and "laser_angle_step" not in faults
-    found = restored(spoilt, "turn_with_robot", check_recording)
+    found = restored(damaged, "turn_with_robot", check_recording)
     assert [one.parameters["turns"] for one in found.applied] == [-1.0]
     assert found.before.mean_m is not None and found.after.mean_m is not None
     assert found.after.mean_m < 0.1 * found.before.mean_m

@@ -114,8 +114,8 @@ def test_an_unordered_stream_without_a_beat_is_to_be_sorted() -> None:
         wild = np.cumsum(np.random.default_rng(2).exponential(1e8, stamps_ns.size))
         return np.asarray(np.random.default_rng(3).permutation(wild), dtype=np.int64)
 
-    mends = [m for f in stamp_findings(_restamped(shuffled)) for m in f.repairs if f.fault]
-    assert "reorder" in {mend.operation for mend in mends}
+    repairs = [m for f in stamp_findings(_restamped(shuffled)) for m in f.repairs if f.fault]
+    assert "reorder" in {repair.operation for repair in repairs}
 
 
 @pytest.mark.parametrize("step_s", [1.0, 0.5, 0.1, 1.0 / 64.0, 0.05, 0.02])
@@ -238,8 +238,8 @@ def test_a_clock_that_is_set_is_named_and_set_back(jump_s: float) -> None:
     (found,) = [one for one in stamp_findings(jumped) if one.fault == "clock_step"]
     assert found.subject == "/scan" and found.estimate is not None
     assert found.estimate.value == pytest.approx(1e3 * abs(jump_s), abs=0.01)
-    mended = apply_repairs(jumped, found.repairs)
-    np.testing.assert_allclose(mended.scans[0].stamps_ns, made.scans[0].stamps_ns, atol=2)
+    repaired = apply_repairs(jumped, found.repairs)
+    np.testing.assert_allclose(repaired.scans[0].stamps_ns, made.scans[0].stamps_ns, atol=2)
     told = {one.fault for one in explained(stamp_findings(jumped)) if one.fault is not None}
     assert told == {"clock_step"}
 

@@ -193,19 +193,19 @@ def test_odd_streams_are_answered_without_a_crash_or_nan(recording: Recording) -
             assert math.isfinite(finding.estimate.sigma)
 
 
-@pytest.mark.parametrize("spoil", ["nan", "reversed", "constant", "jumping"])
+@pytest.mark.parametrize("damage", ["nan", "reversed", "constant", "jumping"])
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
-def test_spoilt_streams_beside_good_ones(spoil: str) -> None:
+def test_damaged_streams_beside_good_ones(damage: str) -> None:
     robot = Robot(seconds=12.0)
     imu, ticks = robot.imu(), robot.ticks()
-    if spoil == "nan":
+    if damage == "nan":
         rates = imu.angular_velocity_rad_s.copy()
         rates[::3] = math.nan
         imu = replace(imu, angular_velocity_rad_s=rates)
-    elif spoil == "reversed":
+    elif damage == "reversed":
         imu = replace(imu, stamps_ns=imu.stamps_ns[::-1].copy())
         ticks = replace(ticks, stamps_ns=ticks.stamps_ns[::-1].copy())
-    elif spoil == "constant":
+    elif damage == "constant":
         ticks = replace(ticks, ticks=np.zeros_like(ticks.ticks))
         imu = replace(imu, angular_velocity_rad_s=np.zeros_like(imu.angular_velocity_rad_s))
     else:
@@ -213,7 +213,7 @@ def test_spoilt_streams_beside_good_ones(spoil: str) -> None:
         counts[300:] += 10**9
         ticks = replace(ticks, ticks=counts)
     recording = Recording(
-        "spoilt",
+        "damaged",
         "memory",
         streams=(
             imu,

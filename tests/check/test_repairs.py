@@ -55,7 +55,7 @@ def test_an_unknown_name_is_answered_with_the_nearest() -> None:
             apply_repairs(MADE, [Repair(name, subject)])
 
 
-def test_what_is_evident_is_mended_first() -> None:
+def test_what_is_evident_is_repaired_first() -> None:
     late = Repair("shift_stamps", "/scan", {"offset_s": 0.1})
     epoch = Repair("shift_stamps", "/imu", {"offset_s": -1.7e9})
     even, receipt = Repair("restamp_evenly", "/scan"), Repair("shift_receipt", "/scan")

@@ -93,29 +93,29 @@ def test_a_configuration_may_name_faults_in_short(tmp_path: Path) -> None:
     ]
 
 
-def test_a_recording_is_spoilt_into_a_copy(runs: Path, tmp_path: Path) -> None:
+def test_a_recording_is_damaged_into_a_copy(runs: Path, tmp_path: Path) -> None:
     choices = typed_choices(["gyro_degrees", "tf_unknown_frame"])
 
-    inject_faults(runs / "healthy", tmp_path / "spoilt", choices)
+    inject_faults(runs / "healthy", tmp_path / "damaged", choices)
 
-    clean, spoilt = read_recording(runs / "healthy"), read_recording(tmp_path / "spoilt")
-    assert spoilt.scans[0].frame_ids == ("laser",)
+    clean, damaged = read_recording(runs / "healthy"), read_recording(tmp_path / "damaged")
+    assert damaged.scans[0].frame_ids == ("laser",)
     np.testing.assert_allclose(
-        spoilt.imus[0].angular_velocity_rad_s,
+        damaged.imus[0].angular_velocity_rad_s,
         np.degrees(clean.imus[0].angular_velocity_rad_s),
         rtol=1e-12,
     )
-    np.testing.assert_array_equal(spoilt.scans[0].ranges_m[3], clean.scans[0].ranges_m[3])
-    assert read_truth(tmp_path / "spoilt") is not None
+    np.testing.assert_array_equal(damaged.scans[0].ranges_m[3], clean.scans[0].ranges_m[3])
+    assert read_truth(tmp_path / "damaged") is not None
 
 
 def test_nothing_is_left_of_a_copy_that_could_not_be_made(runs: Path, tmp_path: Path) -> None:
     with pytest.raises(CannotEdit, match="no such part"):
         inject_faults(
-            runs / "healthy", tmp_path / "spoilt", typed_choices(["urdf_cut:0.05", "urdf_inertia"])
+            runs / "healthy", tmp_path / "damaged", typed_choices(["urdf_cut:0.05", "urdf_inertia"])
         )
 
-    assert not (tmp_path / "spoilt").exists()
+    assert not (tmp_path / "damaged").exists()
 
 
 @pytest.mark.parametrize(

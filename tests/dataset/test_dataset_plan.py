@@ -87,7 +87,7 @@ def test_a_large_data_set_is_scaled_from_what_was_drawn(monkeypatch: pytest.Monk
 def test_kinds_that_cannot_be_tried_cost_what_the_others_do() -> None:
     def no_faults(specs: Sequence[SequenceSpec]) -> Pilots:
         made = tuple(None if spec.config.faults else _pilot(spec) for spec in specs)
-        return Pilots(made, ("nothing to spoil",), 10**8, 3.0)
+        return Pilots(made, ("nothing to damage",), 10**8, 3.0)
 
     found = plan(TINY, 30, make=no_faults)
     assert found.core_s == pytest.approx(30 * (2.0 + 0.1 * 12.0))

@@ -157,7 +157,7 @@ def test_tum_paths_are_the_truth_and_the_odometry(made: Made) -> None:
     assert np.array_equal(published.stamps_ns, odometry.stamps_ns)
 
 
-def test_a_spoilt_sequence_is_the_log_that_simulate_spoils(tmp_path: Path) -> None:
+def test_a_damaged_sequence_is_the_log_that_simulate_damages(tmp_path: Path) -> None:
     spec = small_spec("faults=['lidar_gaps','laser_yaw']", formats=("mcap", "parquet"))
     produce(spec, tmp_path / "made")
     names = ("lidar_gaps", "laser_yaw")

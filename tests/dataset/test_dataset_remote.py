@@ -97,7 +97,7 @@ def test_a_killed_run_is_gone_on_with(
     assert downloaded(address, tmp_path / "down") == tree(tmp_path / "set")
 
 
-def test_a_data_set_there_is_made_read_verified_and_mended(
+def test_a_data_set_there_is_made_read_verified_and_repaired(
     bucket: str, worker: WorkEngine, tmp_path: Path
 ) -> None:
     live_through(f"{bucket}/lived", worker, tmp_path)

@@ -74,7 +74,7 @@ def _await_greeting(port: int) -> None:
             time.sleep(0.1)
 
 
-def test_a_data_set_on_a_server_is_made_read_verified_and_mended(
+def test_a_data_set_on_a_server_is_made_read_verified_and_repaired(
     server: str, tmp_path: Path
 ) -> None:
     with LocalEngine(1) as engine:

@@ -1,4 +1,4 @@
-"""Verification: what was changed is found and named, nothing else is, and it can be mended."""
+"""Verification: what was changed is found and named, nothing else is, and it can be repaired."""
 
 from __future__ import annotations
 
@@ -138,13 +138,13 @@ def test_what_is_damaged_is_made_again_by_the_commands_that_are_told(
             data = bytearray((place / name).read_bytes())
             data[len(data) // 2] ^= 1
             (place / name).write_bytes(data)
-    mending = repair_plan(verify(str(place)))
-    for name in mending.remove:
+    plan = repair_plan(verify(str(place)))
+    for name in plan.remove:
         if (place / name).is_dir():
             shutil.rmtree(place / name)
         else:
             (place / name).unlink()
-    assert mending.commands[-1].endswith(f" -n {COUNT} --out {place}")
+    assert plan.commands[-1].endswith(f" -n {COUNT} --out {place}")
     make_small(place, one_worker)
     assert tree(place) == tree(small_set)
 
@@ -189,7 +189,7 @@ def test_what_is_told_can_be_read_by_programs(
     teller = Reporter(as_json=True)
     assert run_verify(str(scratch), teller)
     told = json.loads(capsys.readouterr().out)
-    assert told["whole"] and told["mending"] is None and told["checked"] == COUNT
+    assert told["whole"] and told["plan"] is None and told["checked"] == COUNT
     config = scratch / "train/000001/config.yaml"
     contents = config.read_bytes()
     config.unlink()
@@ -198,7 +198,7 @@ def test_what_is_told_can_be_read_by_programs(
     assert told["findings"] == [
         {"path": "train/000001/config.yaml", "reason": "missing", "index": 1}
     ]
-    assert told["mending"]["remove"] == ["shards/00000.parquet", "train/000001"]
+    assert told["plan"]["remove"] == ["shards/00000.parquet", "train/000001"]
     config.write_bytes(contents)
     run_stats(str(scratch), teller)
     assert json.loads(capsys.readouterr().out)["sequences"] == COUNT
@@ -234,6 +234,6 @@ def test_sums_are_read_as_they_were_written(hashes: dict[str, bytes]) -> None:
     told = {path: sha256.hex() for path, sha256 in hashes.items()}
     text = sums_text(told).encode()
     assert read_sums(text) == told
-    for spoilt in (text[:-1], text + b"\n", text.replace(b"# of", b"# if"), text[1:]):
+    for damaged in (text[:-1], text + b"\n", text.replace(b"# of", b"# if"), text[1:]):
         with pytest.raises(SumsDamaged):
-            read_sums(spoilt)
+            read_sums(damaged)

@@ -59,7 +59,7 @@ def _assert_equal(one: Any, other: Any, name: str) -> None:
 
 
 def _odd_drive(robot: Robot) -> list[Message]:
-    """Everything that a reader may be tempted to mend."""
+    """Everything that a reader may be tempted to repair."""
     messages = robot.drive()
     late = START_NS + 2_000_000_000
     messages += [
@@ -92,7 +92,7 @@ def _odd_drive(robot: Robot) -> list[Message]:
         ("rosbag1", lambda path: as_ros1(path / "d.bag", _odd_drive(ROBOT1))),
     ],
 )
-def test_nothing_is_mended_in_any_format(
+def test_nothing_is_repaired_in_any_format(
     kind: str, write: Callable[[Path], Path], tmp_path: Path
 ) -> None:
     found = read_recording(write(tmp_path))

@@ -14,7 +14,7 @@ from slamsim.run.demo import FAULT, rotation_bug
 
 
 @pytest.mark.slow
-def test_the_rotation_bug_is_shown_named_and_mended(tmp_path: Path) -> None:
+def test_the_rotation_bug_is_shown_named_and_repaired(tmp_path: Path) -> None:
     settings = ["sensors.lidar.rate_hz=10", "drive.route.max_path_length_m=15"]
     config = load_run_config("labyrinth", overrides=settings, seed=3)
     folder = tmp_path / "demo"

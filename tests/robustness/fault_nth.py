@@ -181,7 +181,7 @@ class _Campaign:
                 yield f"{folder} is not whole"
 
     def _next_wrong(self, out: Path) -> Iterator[str]:
-        """The same command again, with nothing mended by hand."""
+        """The same command again, with nothing repaired by hand."""
         state = _state(out.parent)
         if state in self._sound:
             return

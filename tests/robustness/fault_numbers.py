@@ -75,9 +75,9 @@ def cases(*tables: Mapping[str, Case]) -> pytest.MarkDecorator:
 
 def put(values: np.ndarray, bad: float, place: int = -1) -> np.ndarray:
     """A copy with one number replaced."""
-    spoilt = values.copy()
-    spoilt.reshape(-1)[place] = bad
-    return spoilt
+    damaged = values.copy()
+    damaged.reshape(-1)[place] = bad
+    return damaged
 
 
 def unsound(value: object, place: str = "") -> Iterator[str]:

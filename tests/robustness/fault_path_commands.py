@@ -51,7 +51,7 @@ def _(scene: Scene) -> Action:
 def _(scene: Scene) -> Action:
     here = tables(scene.inputs / "tables")
     (scene.inputs / "log").symlink_to(scene.outside, target_is_directory=True)
-    return _typed("fault", here, scene.out / "spoilt", "--fault", "laser_yaw:../../outside", "-q")
+    return _typed("fault", here, scene.out / "damaged", "--fault", "laser_yaw:../../outside", "-q")
 
 
 @attempt("slamsim localise: the map of a run")

@@ -35,7 +35,7 @@ class Record:
 
 
 def change_records(data: bytes, rng: np.random.Generator) -> bytes:
-    """One record of an MCAP file changed, lost, doubled or moved; lengths and sums mended."""
+    """One record of an MCAP file changed, lost, doubled or moved; lengths and sums repaired."""
     records = mcap_records(data)
     chunks = [i for i, record in enumerate(records) if record.inside]
     if chunks and rng.random() < 0.7:
@@ -133,7 +133,7 @@ def _other_records(records: tuple[Record, ...], rng: np.random.Generator) -> tup
 
 def change_bag_records(data: bytes, rng: np.random.Generator) -> bytes:
     """One record of a ROS 1 bag (or in a chunk of it that is not packed) with its header or data
-    changed, lengths mended."""
+    changed, lengths repaired."""
     magic, _, rest = data.partition(b"\n")
     blocks = _blocks(rest)
     places = [i for i, block in enumerate(blocks) if block]

@@ -98,8 +98,8 @@ def of_fix(folder: Path) -> Sealed:
     from slamsim.config.faults import typed_choices
 
     config = load_run_config("tiny", overrides=("drive.route.max_duration_s=30", *SHORT[1:]))
-    with tempfile.TemporaryDirectory() as spoilt:
-        run = Path(spoilt) / "spoilt"
+    with tempfile.TemporaryDirectory() as damaged:
+        run = Path(damaged) / "damaged"
         faults = (*config.faults, *typed_choices(["lidar_late:0.2"]))
         simulate_world(config.model_copy(update={"faults": faults}), run, QUIET)
         fix_log(run, folder, "all", QUIET)

@@ -26,7 +26,7 @@ class Seed:
 
     make: writes it into an empty folder and gives the path to be read; equal at each call.
     sealed: its checksums cover all that is read, so that a result other than that of the whole
-    input is damage passed on. changes: those that know the structure and mend the checksums; what
+    input is damage passed on. changes: those that know the structure and repair the checksums; what
     they make counts as another input, not as damage. rarely: (n, read): one case in n is read so
     instead of by ``read``.
     """

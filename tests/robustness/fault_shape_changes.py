@@ -1,4 +1,4 @@
-"""Changes that know numbers in text, meshes and pictures, lengths and checksums mended."""
+"""Changes that know numbers in text, meshes and pictures, lengths and checksums repaired."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def change_elements(data: bytes, rng: np.random.Generator) -> bytes:
 
 
 def change_triangles(data: bytes, rng: np.random.Generator) -> bytes:
-    """Corners of a binary STL, or fewer or more triangles with their number mended."""
+    """Corners of a binary STL, or fewer or more triangles with their number repaired."""
     count = (len(data) - 84) // 50
     if count < 1:
         raise Unfit
@@ -82,7 +82,7 @@ def change_ply(data: bytes, rng: np.random.Generator) -> bytes:
 
 
 def change_glb(data: bytes, rng: np.random.Generator) -> bytes:
-    """Values of the description, or of what it points to; the lengths mended."""
+    """Values of the description, or of what it points to; the lengths repaired."""
     try:
         scene, binary = glb_parts(data)
     except (ValueError, struct.error):
@@ -129,7 +129,7 @@ def _other_numbers(body: bytes, rng: np.random.Generator) -> bytes:
 
 
 def change_picture(data: bytes, rng: np.random.Generator) -> bytes:
-    """A PNG with another header, or other pixels packed again; every checksum mended."""
+    """A PNG with another header, or other pixels packed again; every checksum repaired."""
     if not data.startswith(b"\x89PNG"):
         return change_numbers(data, rng)
     parts, place = list[tuple[bytes, bytes]](), 8

@@ -25,7 +25,7 @@ STRINGS = (
 
 
 def change_string(data: bytes, rng: np.random.Generator) -> bytes:
-    """One string of a record replaced; its length mended."""
+    """One string of a record replaced; its length repaired."""
     found = _strings(data)
     if not found:
         raise Unfit

@@ -1,4 +1,4 @@
-"""One of every value that crosses a stage, and what each is spoilt with."""
+"""One of every value that crosses a stage, and what each is damaged with."""
 
 from __future__ import annotations
 
@@ -177,7 +177,7 @@ IN_ORDER = (PlanarTrajectory, Drive)
 """Values whose stamps increase; those of a single sensor do in a log, see below."""
 
 
-def spoilt_values() -> dict[str, Case]:
+def damaged_values() -> dict[str, Case]:
     """Each number of each value not finite, each array of another shape, stamps at the edges."""
     found: dict[str, Case] = {}
     for value, (make, whole) in VALUES.items():

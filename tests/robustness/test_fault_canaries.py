@@ -1,7 +1,7 @@
 """Faults of the libraries that we guard against, as they are today.
 
 Each is shown in a child, beside the guard that was built for it. One that fails here is good news:
-the library was mended, and the guard named may go. None says anything about our own code.
+the library was repaired, and the guard named may go. None says anything about our own code.
 
 ``pytest -m slow tests/robustness/test_fault_canaries.py``
 """
@@ -384,7 +384,7 @@ def test_the_fault_is_still_there(canary: Canary, tmp_path_factory: pytest.TempP
     code = f"import sys\n{textwrap.dedent(canary.code)}"
     command = [sys.executable, "-c", code]
     here = tmp_path_factory.mktemp("canary")
-    mended = f"{canary.library} no longer {canary.fault}; the guard: {canary.guard}"
+    repaired = f"{canary.library} no longer {canary.fault}; the guard: {canary.guard}"
     try:
         done = subprocess.run(
             command,
@@ -398,5 +398,5 @@ def test_the_fault_is_still_there(canary: Canary, tmp_path_factory: pytest.TempP
         assert canary.hangs, "took longer than a minute"
         return
     expected = 0 if canary.ended_by is None else -canary.ended_by
-    assert not canary.hangs, mended
-    assert done.returncode == expected, f"{mended}\n{done.stderr[-2000:]}"
+    assert not canary.hangs, repaired
+    assert done.returncode == expected, f"{repaired}\n{done.stderr[-2000:]}"

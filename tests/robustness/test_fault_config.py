@@ -1,4 +1,4 @@
-"""Every number of the configuration, spoilt in every way: it is refused where it is typed."""
+"""Every number of the configuration, damaged in every way: it is refused where it is typed."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from slamsim.config.run import RunConfig
 
 pytestmark = pytest.mark.fault
 
-SPOILT: tuple[object, ...] = (math.nan, math.inf, -math.inf, 1e200, -1e200, "1.0", True)
+DAMAGED: tuple[object, ...] = (math.nan, math.inf, -math.inf, 1e200, -1e200, "1.0", True)
 """No number of the configuration is one of these."""
 
 
@@ -56,7 +56,7 @@ def test_the_walk_finds_the_numbers() -> None:
 
 @pytest.mark.parametrize(("model", "name"), FIELDS, ids=[f"{m.__name__}.{n}" for m, n in FIELDS])
 def test_no_number_is_taken_that_is_none(model: type[BaseModel], name: str) -> None:
-    for bad in SPOILT:
+    for bad in DAMAGED:
         with pytest.raises(ValidationError) as refused:
             model.model_validate({name: bad})
         places = {error["loc"][:1] for error in refused.value.errors()}

@@ -1,4 +1,4 @@
-"""What fuzzing feeds is right to begin with, and what it once found stays mended."""
+"""What fuzzing feeds is right to begin with, and what it once found stays repaired."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_no_loader_stumbles_over_rubbish(name: str, data: bytes) -> None:
 
 
 @pytest.mark.parametrize(("name", "data"), FOUND)
-def test_what_was_found_stays_mended(name: str, data: bytes) -> None:
+def test_what_was_found_stays_repaired(name: str, data: bytes) -> None:
     try:
         TARGETS[name].run(data)
     except SlamsimError:

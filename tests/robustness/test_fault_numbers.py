@@ -20,7 +20,7 @@ from fault_values import (
     TICKS,
     VALUES,
     N,
-    spoilt_values,
+    damaged_values,
 )
 
 from slamsim.core.geometry import (
@@ -132,7 +132,7 @@ DEGENERATE: dict[str, Case] = {
 }
 
 
-@cases(spoilt_values(), DEGENERATE)
+@cases(damaged_values(), DEGENERATE)
 def test_no_value_is_made_of_what_is_no_number(case: Case) -> None:
     judge(case)
 

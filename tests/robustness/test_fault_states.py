@@ -1,7 +1,7 @@
 """A run's folder and a data set's through any sequence of good and bad days, beside a simple model.
 
 The model is what lies there, file by file. Whatever is made, killed, starved, damaged, deleted,
-verified or mended: what stands under the final name is the old or the new in whole, what
+verified or repaired: what stands under the final name is the old or the new in whole, what
 ``slamsim verify`` finds whole is byte for byte as it was made, and the next run needs no hand work.
 """
 
@@ -243,7 +243,7 @@ class Run(Folder):
 
 
 class DataSet(Folder):
-    """``dataset make`` and ``dataset verify``, which says how damage is mended."""
+    """``dataset make`` and ``dataset verify``, which says how damage is repaired."""
 
     name = "set"
 
@@ -296,7 +296,7 @@ class DataSet(Folder):
 
     @precondition(lambda self: self.left.keys() & {IDENTITY, SUMS})
     @rule()
-    def mend(self) -> None:
+    def repair(self) -> None:
         """What verify says is to be removed, and the same command again.
 
         It helps unless dataset.yaml is lost before anything vouches for it.

@@ -191,7 +191,7 @@ def differences(one: Recording, other: Recording) -> set[str]:
     return {re.sub(r"\[\d+\]", "", place).lstrip(".") for place in found}
 
 
-def spoilt(name: str, size: float | None = None) -> Recording:
+def damaged(name: str, size: float | None = None) -> Recording:
     fault = load_fault(name)
     return injected(example(), [fault if size is None else fault.with_size(size)], seed=3)
 
@@ -282,18 +282,18 @@ def test_every_message_of_a_numbered_recording_keeps_its_number(name: str) -> No
     ],
 )
 def test_a_fault_changes_nothing_else(name: str, places: set[str]) -> None:
-    assert differences(example(), spoilt(name)) == places
+    assert differences(example(), damaged(name)) == places
 
 
 @pytest.mark.parametrize("offset_s", [-0.05, 0.0005, 1.7e9])
 def test_an_offset_moves_every_stamp_by_that_much(offset_s: float) -> None:
-    moved = spoilt("lidar_late", offset_s).scans[0].stamps_ns - example().scans[0].stamps_ns
+    moved = damaged("lidar_late", offset_s).scans[0].stamps_ns - example().scans[0].stamps_ns
 
     assert_array_equal(moved, round(offset_s * 1e9))
 
 
 def test_a_drifting_clock_gains_so_many_microseconds_a_second() -> None:
-    gained = spoilt("lidar_clock_drift", 100.0).scans[0].stamps_ns - example().scans[0].stamps_ns
+    gained = damaged("lidar_clock_drift", 100.0).scans[0].stamps_ns - example().scans[0].stamps_ns
 
     elapsed = example().scans[0].stamps_ns * 1e-9
     assert_allclose(gained, elapsed * 100e-6 * 1e9, atol=1.0)
@@ -302,25 +302,25 @@ def test_a_drifting_clock_gains_so_many_microseconds_a_second() -> None:
 def test_a_clock_that_ticks_with_the_stamps_rounds_nothing() -> None:
     """Scans at 10 Hz have nothing to lose to a clock of 100 Hz but a common part."""
     with pytest.raises(CannotEdit, match="tick with that clock"):
-        spoilt("lidar_stamps_coarse", 0.01)
+        damaged("lidar_stamps_coarse", 0.01)
 
 
 def test_the_stamp_of_the_last_beam_is_a_sweep_later() -> None:
-    moved = spoilt("scan_stamp_end").scans[0].stamps_ns - example().scans[0].stamps_ns
+    moved = damaged("scan_stamp_end").scans[0].stamps_ns - example().scans[0].stamps_ns
 
     assert_array_equal(moved, round((BEAMS - 1) * 2e-4 * 1e9))
 
 
 def test_a_mount_error_says_less_than_the_truth() -> None:
     """The laser is turned by 3 degrees to the left of what its frame says."""
-    edge = spoilt("laser_yaw", 3.0).transforms[2]
+    edge = damaged("laser_yaw", 3.0).transforms[2]
 
     assert edge.child == "laser_link"
     assert_allclose(np.degrees(yaw_from_xyzw(edge.quats_xyzw)), [-3.0], atol=1e-9)
 
 
 def test_the_description_says_the_same_as_the_transforms() -> None:
-    recording = spoilt("laser_forward", 0.05)
+    recording = damaged("laser_forward", 0.05)
 
     assert_allclose(recording.transforms[2].positions_m, [[0.05, 0.0, 0.2]], atol=1e-12)
     assert 'xyz="0.05 0 0.2"' in (recording.robot_description or "")
@@ -337,7 +337,7 @@ def test_mirrored_scans_show_the_left_on_the_right() -> None:
 
 def test_rays_fixed_to_the_world_turn_against_the_robot() -> None:
     """Beam j of the faulty scan sees what lies in that direction of the odometry's frame."""
-    recording, fixed = example(), spoilt("laser_world_fixed").scans[0].ranges_m
+    recording, fixed = example(), damaged("laser_world_fixed").scans[0].ranges_m
     scans, odometry = recording.scans[0], recording.odometries[0]
     headings = np.unwrap(yaw_from_xyzw(odometry.quats_xyzw))
     for scan in (0, 20, 111):
@@ -372,7 +372,7 @@ def test_a_driver_with_wrong_wheels_publishes_what_its_counters_give(
 
 @pytest.mark.parametrize("name", ["wheel_reversed", "wheels_swapped"])
 def test_wrongly_wired_wheels_give_the_odometry_of_their_counters(name: str) -> None:
-    recording = spoilt(name)
+    recording = damaged(name)
 
     ticks, odometry = recording.ticks[0], recording.odometries[0]
     expected = wheel_odometry(EncoderStream(ticks.stamps_ns, ticks.ticks, 2578, 0.035, 0.23))
@@ -381,7 +381,7 @@ def test_wrongly_wired_wheels_give_the_odometry_of_their_counters(name: str) -> 
 
 
 def test_an_odometry_that_is_frozen_stays_put_and_does_not_catch_up() -> None:
-    clean, frozen = example().odometries[0], spoilt("odometry_frozen", 2.0).odometries[0]
+    clean, frozen = example().odometries[0], damaged("odometry_frozen", 2.0).odometries[0]
 
     still = np.all(np.diff(frozen.positions_m, axis=0) == 0.0, axis=1)
     assert still.sum() == pytest.approx(2 * 2.0 * 50, abs=3)
@@ -390,21 +390,21 @@ def test_an_odometry_that_is_frozen_stays_put_and_does_not_catch_up() -> None:
 
 
 def test_counters_that_wrap_differ_by_whole_turns_of_the_counter() -> None:
-    clean, wrapped = example().ticks[0].ticks, spoilt("ticks_wrap", 12).ticks[0].ticks
+    clean, wrapped = example().ticks[0].ticks, damaged("ticks_wrap", 12).ticks[0].ticks
 
     assert_array_equal((clean - wrapped) % (1 << 12), 0)
     assert np.abs(wrapped).max() <= 1 << 11
 
 
 def test_a_unit_on_its_side_feels_gravity_along_y() -> None:
-    felt = spoilt("imu_sideways").imus[0].linear_acceleration_m_s2.mean(axis=0)
+    felt = damaged("imu_sideways").imus[0].linear_acceleration_m_s2.mean(axis=0)
 
     assert_allclose(felt, [0.0, 9.80665, 0.0], atol=0.01)
 
 
 def test_lost_messages_lose_their_ranges_too() -> None:
     """What is left of each row belongs together."""
-    clean, kept = example().scans[0], spoilt("lidar_gaps", 2.0).scans[0]
+    clean, kept = example().scans[0], damaged("lidar_gaps", 2.0).scans[0]
 
     assert len(kept) == pytest.approx(len(clean) - 60, abs=3)
     rows = np.searchsorted(clean.stamps_ns, kept.stamps_ns)
@@ -415,7 +415,7 @@ def test_lost_messages_lose_their_ranges_too() -> None:
     ("name", "mark"), [("range_zero_no_return", 0.0), ("range_max_no_return", 10.0)]
 )
 def test_no_return_reads_as_a_number(name: str, mark: float) -> None:
-    clean, marked = np.asarray(example().scans[0].ranges_m), spoilt(name).scans[0].ranges_m
+    clean, marked = np.asarray(example().scans[0].ranges_m), damaged(name).scans[0].ranges_m
 
     assert_array_equal(np.asarray(marked)[np.isinf(clean)], np.float32(mark))
     assert_array_equal(np.asarray(marked)[np.isfinite(clean)], clean[np.isfinite(clean)])
@@ -427,7 +427,7 @@ def bare() -> Recording:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_what_is_not_there_cannot_be_spoilt(name: str) -> None:
+def test_what_is_not_there_cannot_be_damaged(name: str) -> None:
     with pytest.raises(CannotEdit, match="bare"):
         injected(bare(), [load_fault(name)], seed=0)
 

@@ -120,8 +120,8 @@ def test_single_bad_matches_and_slips_count_little() -> None:
     track[50:450:40] += [0.1, -0.05, 0.02]
     steps = chain.steps.copy()
     steps[70:450:40] += [0.05, 0.0, 0.1]
-    spoilt = replace(chain, track=PlanarTrajectory(chain.track.stamps_ns, track), steps=steps)
-    assert (error(smooth(spoilt), truth) < 0.8 * MATCH_SIGMA).all()
+    damaged = replace(chain, track=PlanarTrajectory(chain.track.stamps_ns, track), steps=steps)
+    assert (error(smooth(damaged), truth) < 0.8 * MATCH_SIGMA).all()
 
 
 def test_odometry_bridges_what_was_not_matched() -> None:

@@ -78,7 +78,7 @@ def poor_match(T_map_base: FloatArray) -> Match:
     return Match(T_map_base, np.eye(3), 0.8, 0.5, np.zeros((0, 3)))
 
 
-def test_one_strange_scan_may_be_spoilt_and_two_alike_are_another_place() -> None:
+def test_one_strange_scan_may_be_damaged_and_two_alike_are_another_place() -> None:
     around = Surroundings()
     around.placed(seen(HERE, ROOM).cloud, HERE)
     strange = seen(HERE, OTHER_ROOM, stamp_ns=10**8).cloud

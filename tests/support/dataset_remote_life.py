@@ -1,4 +1,4 @@
-"""What a data set behind a URL goes through: made, read, spoilt, verified, mended."""
+"""What a data set behind a URL goes through: made, read, damaged, verified, repaired."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from slamsim.dataset.store.remote import RemoteStore
 from slamsim.run.dataset.telling import repair_plan
 
 COUNT, SECONDS = 2, 4.0
-SPOILT = "train/000000/truth/scans.parquet"
+DAMAGED = "train/000000/truth/scans.parquet"
 
 
 def downloaded(address: str, folder: Path) -> dict[str, bytes]:
@@ -31,7 +31,7 @@ def downloaded(address: str, folder: Path) -> dict[str, bytes]:
 
 
 def live_through(address: str, engine: WorkEngine, folder: Path) -> None:
-    """All of it, mended as the commands that are told do it; folder: for copies here."""
+    """All of it, repaired as the commands that are told do it; folder: for copies here."""
     recipe = load_recipe("tiny").model_copy(update={"duration_s": Constant(constant=SECONDS)})
     make_dataset(recipe, COUNT, address, engine)
     found = verify(address)
@@ -42,18 +42,18 @@ def live_through(address: str, engine: WorkEngine, folder: Path) -> None:
     there, here = slamsim.dataset.open(address), slamsim.dataset.open(folder / "whole")
     np.testing.assert_array_equal(there[1].scans.ranges_m, here[1].scans.ranges_m)
 
-    data = bytearray(whole[SPOILT])
+    data = bytearray(whole[DAMAGED])
     data[len(data) // 2] ^= 1
-    RemoteStore(address).write(SPOILT, bytes(data))
-    spoilt = verify(address)
-    assert [finding.path for finding in spoilt.findings] == [SPOILT]
+    RemoteStore(address).write(DAMAGED, bytes(data))
+    damaged = verify(address)
+    assert [finding.path for finding in damaged.findings] == [DAMAGED]
 
-    *removal, making = repair_plan(spoilt).commands
+    *removal, making = repair_plan(damaged).commands
     for command in removal:
         python, *words = shlex.split(command)
         assert python == "python"
         subprocess.run([sys.executable, *words], check=True)
     assert making == f"slamsim dataset make {address}/recipe.yaml -n {COUNT} --out {address}"
     make_dataset(recipe, COUNT, address, engine)
-    assert downloaded(address, folder / "mended") == whole
+    assert downloaded(address, folder / "repaired") == whole
     assert verify(address).whole

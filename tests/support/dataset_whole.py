@@ -42,6 +42,6 @@ def make_small(out: Path, engine: WorkEngine) -> None:
 
 
 def copied(place: Path, folder: Path) -> Path:
-    """A copy that may be spoilt."""
+    """A copy that may be damaged."""
     shutil.copytree(place, folder)
     return folder

@@ -63,7 +63,7 @@ def run_verify(
         found = verify(address, share=share, again=again, workers=workers, progress=progress)
     plan = None if found.whole else repair_plan(found)
     _tell(found, plan, reporter)
-    told = {"whole": found.whole, "mending": plan and asdict(plan)}
+    told = {"whole": found.whole, "plan": plan and asdict(plan)}
     reporter.result({**asdict(found), **told})
     return found.whole
 
