@@ -150,7 +150,8 @@ def _together(recording: Recording) -> list[str]:
     a place of its own."""
     first, *others = lidars(recording)
     tree, topics = FrameTree(), [first.topic]
-    tree.add(recording.transforms)
+    if others:  # transforms of hours take 150 MB to look through
+        tree.add(recording.transforms)
     places = [np.eye(4)]
     beside = {topic.topic for topic in lidars_beside(recording)}
     for scans in (each for each in others if each.topic in beside):

@@ -27,9 +27,7 @@ from slamsim.io.selection import EVERYTHING, Selection
 from slamsim.io.text.relations import Relations, read_relations
 from slamsim.process.children import MEMORY, return_freed_memory
 from slamsim.recording import Recording
-from slamsim.report.pages.run import write_report
 from slamsim.report.run_view import RunView, path_length_m, report_json
-from slamsim.report.viewer.run import write_recording
 from slamsim.run import folder as run_folder
 from slamsim.run.cameras import layers as run_layers
 from slamsim.run.cameras.asked import (
@@ -107,10 +105,12 @@ def map_recording(
     wanted_relations = None if relations is None else read_relations(relations)
     origin = _origin_beside(path)
     known = _known(log, opened.truth(), wanted_relations, origin)
-    stages = Stages(reporter)
-    checked = _checked(opened.recording, stages)
-    images, tags = from_images(path, opened.recording, config, stages, calibrated)
-    del opened
+    stages, recording = Stages(reporter), opened.recording
+    del opened  # with the truth as it was recorded
+    return_freed_memory()
+    checked = _checked(recording, stages)
+    images, tags = from_images(path, recording, config, stages, calibrated)
+    del recording
     return_freed_memory()
     with partial_folder(folder, overwrite) as partial:
         if origin is not None:
@@ -175,8 +175,7 @@ def _map(
             doubts = view.doubts
             with stages.stage("report"):
                 numbers = report_json(view)
-                write_recording(partial / run_folder.RECORDING, view)
-                write_report(partial / run_folder.REPORT, view)
+                _write_pages(partial, view)
     failed = tuple(failures)
     complete = not {"map", "report"} & {one.stage for one in failed}
     numbers["failed_stages"] = [asdict(one) for one in failed]
@@ -190,6 +189,15 @@ def _map(
         failed=failed,
         unjoined=unjoined,
     )
+
+
+def _write_pages(partial: Path, view: RunView) -> None:
+    """Imported only now: Rerun and Matplotlib hold 110 MB, which SLAM of a long log needs."""
+    from slamsim.report.pages.run import write_report
+    from slamsim.report.viewer.run import write_recording
+
+    write_recording(partial / run_folder.RECORDING, view)
+    write_report(partial / run_folder.REPORT, view)
 
 
 def _verdict(view: RunView, unjoined: str) -> str:

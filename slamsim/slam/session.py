@@ -135,6 +135,7 @@ class SlamSession:
             raise SlamsimError("there is nothing to solve: no scan was tracked")
         if not self._front_end.sighted:
             raise NothingSeen(nothing_seen(len(self._track)))
+        return_freed_memory()
         with solving("the whole map"):
             outcome = self._keeper.finish(progress)
             self._solved = outcome.graph

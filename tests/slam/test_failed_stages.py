@@ -37,7 +37,7 @@ STAGES = {
     "check": "slamsim.slam.backend.back_end.tears",
     "smooth": "slamsim.slam.frontend.track.smooth",
     "map": "slamsim.run.mapping.build_grid",
-    "report": "slamsim.run.mapping.write_report",
+    "report": "slamsim.report.pages.run.write_report",
 }
 """What is made to fail to let a stage fail."""
 

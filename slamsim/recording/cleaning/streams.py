@@ -158,7 +158,9 @@ def imu_of(raw: RawImu) -> tuple[ImuStream | None, list[str]]:
     stamps_ns, rows, warnings = in_order(raw.stamps_ns, usable, raw.topic, raw.received_ns)
     if stamps_ns.size == 0:
         return None, warnings
-    return ImuStream(stamps_ns, rates_rad_s[rows], forces_m_s2[rows], raw.frame_ids[0]), warnings
+    if rows.size < usable.size or (np.diff(rows) != 1).any():  # else no second copy of hours
+        rates_rad_s, forces_m_s2 = rates_rad_s[rows], forces_m_s2[rows]
+    return ImuStream(stamps_ns, rates_rad_s, forces_m_s2, raw.frame_ids[0]), warnings
 
 
 def encoders_of(raw: RawTicks) -> tuple[EncoderStream | None, list[str]]:

@@ -7,10 +7,9 @@ from pathlib import Path
 from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
 from slamsim.guard.errors import OverrideRefused, SlamsimError, shown
-from slamsim.io.cameras import open_cameras
+from slamsim.io.cameras import is_image_folder, open_cameras
 from slamsim.io.selection import EVERYTHING, Selection
 from slamsim.recording.cleaning.log import WithoutScans
-from slamsim.run.cameras.mapping import is_only_images, map_by_camera
 from slamsim.run.continuing import Earlier
 from slamsim.run.mapping import map_recording
 from slamsim.run.naming import log_of
@@ -66,6 +65,8 @@ def map_by_lidar_or_camera(
     ):
         if given:
             raise OverrideRefused(option, "is for maps by lidar; leave it out")
+    from slamsim.run.cameras.mapping import map_by_camera  # with what draws its report
+
     return map_by_camera(
         source,
         config,
@@ -83,7 +84,7 @@ def _unwanted(without: str, source: Path) -> str:
     if without not in ("", "lidar"):
         reason = "only the lidar can be left out: --without lidar"
         raise OverrideRefused(f"--without {shown(without)}", reason)
-    if is_only_images(source):
+    if source.is_dir() and is_image_folder(source):
         return "there are images alone"
     return "as asked" if without else ""
 

@@ -50,11 +50,6 @@ class _Camera:
     frame_id: str
 
 
-def is_only_images(source: Path) -> bool:
-    """Whether this is a folder of images, which holds no scans at all."""
-    return source.is_dir() and is_image_folder(source)
-
-
 def map_by_camera(
     source: Path,
     config: RunConfig,
@@ -73,8 +68,9 @@ def map_by_camera(
     ``graph.g2o``, ``report.json`` and ``report.html``. Raises SlamsimError where images tell no
     motion, else as ``open_cameras``.
     """
-    path = source if is_only_images(source) else log_of(source)
-    opened = None if is_only_images(source) else open_recording(path, wanted)
+    only_images = source.is_dir() and is_image_folder(source)
+    path = source if only_images else log_of(source)
+    opened = None if only_images else open_recording(path, wanted)
     with open_cameras(path) as cameras:
         camera = _camera(cameras, config, intrinsics)
         robot = _folder(source) if opened is None else _robot(opened, camera.frame_id)

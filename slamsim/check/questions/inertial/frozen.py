@@ -101,8 +101,8 @@ def _held(same: BoolArray, times_s: FloatArray) -> list[tuple[int, int]]:
 
 def changed_axes(imu: RawImu) -> BoolArray:
     """(n - 1, 6) which readings of the unit differ from those before."""
-    readings = np.column_stack([imu.angular_velocity_rad_s, imu.linear_acceleration_m_s2])
-    return np.asarray(np.diff(readings, axis=0) != 0.0)
+    readings = imu.angular_velocity_rad_s, imu.linear_acceleration_m_s2
+    return np.column_stack([np.diff(each, axis=0) != 0.0 for each in readings])
 
 
 def has_noise(changed: BoolArray) -> bool:

@@ -84,7 +84,7 @@ ORIENTATION = Question(
 def check_readings(recording: Recording, imu: RawImu) -> Iterator[Finding]:
     """What needs nothing but the readings of one inertial unit themselves."""
     rates, accelerations = imu.angular_velocity_rad_s, imu.linear_acceleration_m_s2
-    finite = is_sound(np.concatenate([rates, accelerations], axis=1))
+    finite = np.asarray(is_sound(rates) & is_sound(accelerations))
     yield _finite(imu, finite)
     if int(finite.sum()) < MIN_SAMPLES:
         return
@@ -96,9 +96,9 @@ def check_readings(recording: Recording, imu: RawImu) -> Iterator[Finding]:
 
 def _finite(imu: RawImu, finite: BoolArray) -> Finding:
     broken = int((~finite).sum())
-    columns = np.concatenate([imu.angular_velocity_rad_s, imu.linear_acceleration_m_s2], axis=1)
+    columns = (*imu.angular_velocity_rad_s.T, *imu.linear_acceleration_m_s2.T)
     names = [f"{kind} {axis}" for kind in ("gyroscope", "acceleration") for axis in "xyz"]
-    whole = [name for name, column in zip(names, columns.T, strict=True)
+    whole = [name for name, column in zip(names, columns, strict=True)
              if not is_sound(column).any()]  # fmt: skip
     words = f"{broken} of {len(imu)} readings are not finite (or beyond {MOST:g})"
     words += f", of {', '.join(whole)} all" if whole else ""
