@@ -1,10 +1,14 @@
-"""Traverses the grid cells along a ray (Amanatides & Woo 1987), compiled."""
+"""Traverses the grid cells along a ray (Amanatides & Woo 1987), compiled, and what it tells of
+them."""
 
 from __future__ import annotations
 
 import math
 from typing import NamedTuple
 
+import numpy as np
+
+from slamsim.core.arrays import FloatArray
 from slamsim.core.jit import kernel
 
 
@@ -25,6 +29,14 @@ class RayWalk(NamedTuple):
     pitch_y: float
     step_x: int
     step_y: int
+
+
+def evidence_weights(hit: float, miss: float, lowest: float, highest: float) -> FloatArray:
+    """(4,) log odds, which add up over rays (Moravec & Elfes 1985), of these probabilities that a
+    cell is occupied: after one ray that ends there, after one that passes, and of no cell less and
+    more."""
+    probabilities = np.array([hit, miss, lowest, highest])
+    return np.asarray(np.log(probabilities / (1.0 - probabilities)))
 
 
 @kernel

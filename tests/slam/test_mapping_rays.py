@@ -6,6 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from slamsim.core.ray_walk import evidence_weights
 from slamsim.core.types import BoolArray, FloatArray
 from slamsim.slam.mapping.raytrace import clear_shares, update_log_odds, walk_beam
 
@@ -140,3 +141,11 @@ def test_a_beam_of_no_length_clears_nothing_and_breaks_nothing() -> None:
     same = np.array([[3.5, 3.5]])
     assert np.allclose(clear_shares(same, same, np.array([True])), 0.0)
     assert np.isclose(drawn(same, same, np.array([True]))[3, 3], WEIGHTS[0])
+
+
+def test_evidence_of_rays_adds_up_as_bayes_says() -> None:
+    """Three hits and a miss, by the product of odds; limits are probabilities too."""
+    hit, miss, *limits = evidence_weights(0.64, 0.43, 0.02, 0.98)
+    odds = (0.64 / 0.36) ** 3 * (0.43 / 0.57)
+    assert np.isclose(np.exp(3.0 * hit + miss), odds)
+    assert np.allclose(1.0 / (1.0 + np.exp(-np.array(limits))), [0.02, 0.98])

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from slamsim.config.slam import LayersConfig, MappingConfig
 from slamsim.core.jit import kernel
 from slamsim.core.layers import ObstacleLayer
-from slamsim.core.ray_walk import begin_walk, held_at, next_cell
+from slamsim.core.ray_walk import begin_walk, evidence_weights, held_at, next_cell
 from slamsim.core.types import BoolArray, Float32Array, FloatArray, Grid
 
 RAYS_ACROSS = 106
@@ -37,15 +37,12 @@ class ObstacleGrid:
         self._log_odds: Float32Array = np.zeros(shape, np.float32)
         self._seen: NDArray[np.int32] = np.zeros(shape, np.int32)
         self._images = 0
-        probabilities = np.array(
-            [
-                config.hit_probability,
-                config.miss_probability,
-                config.min_probability,
-                config.max_probability,
-            ]
+        self._weights = evidence_weights(
+            config.hit_probability,
+            config.miss_probability,
+            config.min_probability,
+            config.max_probability,
         )
-        self._weights: FloatArray = np.log(probabilities / (1.0 - probabilities))
         self._views: list[FloatArray] = []
         self._half_angle_rad = 0.0
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from slamsim.config.slam import MappingConfig
 from slamsim.core.geometry import transform_points, wrap_angle
 from slamsim.core.progress import Progress, silent
+from slamsim.core.ray_walk import evidence_weights
 from slamsim.core.types import (
     BoolArray,
     Cloud,
@@ -86,15 +87,12 @@ class Canvas:
         self._log_odds: Float32Array = np.zeros((0, 0), dtype=np.float32)
         self._seen: NDArray[np.int32] = np.zeros((0, 0), dtype=np.int32)
         self._scans = 0
-        probabilities = np.array(
-            [
-                config.hit_probability,
-                config.miss_probability,
-                config.min_probability,
-                config.max_probability,
-            ]
+        self._weights = evidence_weights(
+            config.hit_probability,
+            config.miss_probability,
+            config.min_probability,
+            config.max_probability,
         )
-        self._weights: FloatArray = np.log(probabilities / (1.0 - probabilities))
 
     def draw(self, cloud: Cloud, T_map_base: FloatArray) -> None:
         """Enter one cloud."""
