@@ -22,6 +22,7 @@ import typer.testing
 from hypothesis import settings
 
 if TYPE_CHECKING:
+    from slamsim.core.types import FloatArray
     from slamsim.dataset.make.engines.local import WorkEngine
 
 settings.register_profile("any machine", settings(), deadline=None)
@@ -63,3 +64,12 @@ def small_set(one_worker: WorkEngine, tmp_path_factory: pytest.TempPathFactory) 
     place = tmp_path_factory.mktemp("small") / "set"
     make_small(place, one_worker)
     return place
+
+
+@pytest.fixture(scope="session")
+def room_images(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, FloatArray]:
+    """A folder of colour and depth images, and where the camera was: to be read, not changed."""
+    from rgbd_room import write_images
+
+    folder = tmp_path_factory.mktemp("room")
+    return folder, write_images(folder)

@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rgbd_room import write_images
+from rgbd_room import FRAMES, K
 from typed import typed
 
-from slamsim.cameras.lens import pinhole
 from slamsim.config.loading import load_run_config
 from slamsim.core.scans import Scan, ScanGeometry
 from slamsim.core.types import FloatArray, PlanarTrajectory, Trajectory
@@ -24,20 +23,9 @@ from slamsim.run.cameras.asked import refuse_wrong_files, require_returns
 from slamsim.run.cameras.telling import moved_onto
 from slamsim.slam.frontend.scan_order import NothingSeen
 
-MODEL = pinhole(320, 240, 69.0)
-K = ",".join(str(float(value)) for value in MODEL.K[[0, 1, 0, 1], [0, 1, 2, 2]])
-FRAMES = 8
 
-
-@pytest.fixture(scope="module")
-def images(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, FloatArray]:
-    """A folder, and where the camera was."""
-    folder = tmp_path_factory.mktemp("room")
-    return folder, write_images(folder, MODEL, FRAMES)
-
-
-def test_a_folder_of_images_is_mapped(images: tuple[Path, FloatArray], tmp_path: Path) -> None:
-    folder, true_m = images
+def test_a_folder_of_images_is_mapped(room_images: tuple[Path, FloatArray], tmp_path: Path) -> None:
+    folder, true_m = room_images
     done = typed("map", folder, "--intrinsics", K, "-o", "out", "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
@@ -62,9 +50,9 @@ def test_a_folder_of_images_is_mapped(images: tuple[Path, FloatArray], tmp_path:
     ],
 )
 def test_what_cannot_be_is_told(
-    images: tuple[Path, FloatArray], tmp_path: Path, words: tuple[str, ...], told: str
+    room_images: tuple[Path, FloatArray], tmp_path: Path, words: tuple[str, ...], told: str
 ) -> None:
-    done = typed("map", images[0], *words, "-o", "out", cwd=tmp_path)
+    done = typed("map", room_images[0], *words, "-o", "out", cwd=tmp_path)
     assert done.returncode != 0 and told in done.stderr and "Traceback" not in done.stderr
     assert not (tmp_path / "out").exists()
 

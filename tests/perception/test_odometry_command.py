@@ -7,32 +7,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rgbd_room import write_images
+from rgbd_room import FRAMES, K
 from scipy.spatial.transform import Rotation
 from typed import typed
 
-from slamsim.cameras.lens import pinhole
 from slamsim.core.types import FloatArray, Trajectory
 from slamsim.evaluate.spatial import compare_in_space
 from slamsim.guard.errors import SlamsimError
 from slamsim.io.text.tum import read_tum, write_tum
 
-MODEL = pinhole(320, 240, 69.0)
-K = ",".join(str(float(value)) for value in MODEL.K[[0, 1, 0, 1], [0, 1, 2, 2]])
-FRAMES = 8
-
-
-@pytest.fixture(scope="module")
-def images(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, FloatArray]:
-    """A folder, and where the camera was."""
-    folder = tmp_path_factory.mktemp("room")
-    return folder, write_images(folder, MODEL, FRAMES)
-
 
 def test_a_folder_of_images_gives_a_path_and_its_errors(
-    images: tuple[Path, FloatArray], tmp_path: Path
+    room_images: tuple[Path, FloatArray], tmp_path: Path
 ) -> None:
-    folder, true_m = images
+    folder, true_m = room_images
     first = typed("odometry", folder, "--intrinsics", K, "-o", "first", "--json", cwd=tmp_path)
     assert first.returncode == 0, first.stderr
     told = json.loads(first.stdout)
@@ -63,9 +51,9 @@ def test_a_folder_of_images_gives_a_path_and_its_errors(
     ],
 )
 def test_what_is_missing_is_told(
-    images: tuple[Path, FloatArray], tmp_path: Path, words: tuple[str, ...], told: str
+    room_images: tuple[Path, FloatArray], tmp_path: Path, words: tuple[str, ...], told: str
 ) -> None:
-    done = typed("odometry", images[0], *words, "-o", "out", cwd=tmp_path)
+    done = typed("odometry", room_images[0], *words, "-o", "out", cwd=tmp_path)
     assert done.returncode != 0 and told in done.stderr and "Traceback" not in done.stderr
     assert not (tmp_path / "out").exists()
 

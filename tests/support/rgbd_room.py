@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamsim.cameras.codecs.pictures import encode_png
-from slamsim.cameras.lens import CameraModel
+from slamsim.cameras.lens import CameraModel, pinhole
 from slamsim.core.geometry import se3_from_parts
 from slamsim.core.types import Float32Array, FloatArray
 
@@ -17,6 +17,10 @@ PLANES = ((0, 1.6), (1, 1.1), (2, 2.4), (0, -1.6), (1, -1.1))
 """Axis and place (m) of walls, floor and ceiling in the frame of the first camera."""
 TEXEL_M = 0.004
 TEXELS = 1024
+MODEL = pinhole(320, 240, 69.0)
+K = ",".join(str(float(value)) for value in MODEL.K[[0, 1, 0, 1], [0, 1, 2, 2]])
+"""As ``--intrinsics`` takes it."""
+FRAMES = 8
 
 
 def patterns(seed: int, contrast: float = 1.0) -> list[Float32Array]:
@@ -68,7 +72,7 @@ def see(
     )
 
 
-def write_images(folder: Path, model: CameraModel, frames: int) -> FloatArray:
+def write_images(folder: Path, model: CameraModel = MODEL, frames: int = FRAMES) -> FloatArray:
     """Colour and depth while the camera moves ahead and to the side, as Open3D lays them out;
     (n, 3) its places in the frame of the first image."""
     rng, textures = np.random.default_rng(3), patterns(3)
