@@ -276,6 +276,16 @@ URDF = """<robot name="r"><link name="base_link"/><link name="wheel"><collision>
 </link><joint name="j" type="continuous"><parent link="base_link"/><child link="wheel"/>
 <origin xyz="0 0.2 -0.02"/><axis xyz="0 1 0"/></joint></robot>"""
 
+TURNING_LIDAR = """<link name="lidar"><collision><geometry><box size="0.1 0.1 {height_m}"/>
+</geometry></collision></link><joint name="pan" type="continuous"><parent link="base_link"/>
+<child link="lidar"/><origin xyz="0 0 0.3" rpy="{rpy}"/><axis xyz="{axis}"/></joint></robot>"""
+
+
+def with_lidar(urdf: str, rpy: str, axis: str, height_m: float = 0.08) -> str:
+    """It turns about an upright axis, as rpy and axis in its own frame say."""
+    lidar = TURNING_LIDAR.format(rpy=rpy, axis=axis, height_m=height_m)
+    return urdf.replace("</robot>", lidar)
+
 
 def held(parent: str, child: str, z_m: float) -> TransformEdge:
     zero, quat = np.zeros(1, np.int64), np.array([[0.0, 0.0, 0.0, 1.0]])
@@ -299,6 +309,16 @@ def held(parent: str, child: str, z_m: float) -> TransformEdge:
         ),
         (replace(BARE, base_frame="base_link", robot_description=URDF), None, -0.12),
         (replace(BARE, base_frame="base_link", robot_description=URDF), -0.3, -0.3),
+        # a mast that hangs lower than the wheels, as the box around a mesh may
+        (
+            replace(
+                BARE,
+                base_frame="base_link",
+                robot_description=with_lidar(URDF, "0 0 0", "0 0 1", 1.0),
+            ),
+            None,
+            -0.12,
+        ),
     ],
 )
 def test_heights_count_from_the_floor(
@@ -308,7 +328,20 @@ def test_heights_count_from_the_floor(
     assert found == pytest.approx(floor, abs=1e-6) and not told
 
 
-@pytest.mark.parametrize("urdf", [None, "<robot", "<robot><link name='base_link'/></robot>"])
+NO_WHEELS = "<robot name='r'><link name='base_link'/></robot>"
+
+
+@pytest.mark.parametrize(
+    "urdf",
+    [
+        None,
+        "<robot",
+        "<robot><link name='base_link'/></robot>",
+        with_lidar(NO_WHEELS, "0 0 0", "0 0 1"),
+        with_lidar(NO_WHEELS, "1.5708 0 0", "0 1 0"),
+    ],
+    ids=["none", "broken", "no name", "lidar", "lidar in a turned frame"],
+)
 def test_an_unknown_floor_is_told(urdf: str | None) -> None:
     recording = replace(BARE, base_frame="base_link", robot_description=urdf)
     found, told = floor_of(recording, LayersConfig())

@@ -13,6 +13,8 @@ from slamsim.sim.robot.urdf import read_description
 FOOTPRINT = "base_footprint"
 """On the floor below the robot (REP 120)."""
 _DOWN = np.array([0.0, 0.0, -1.0])
+_MOST_UPRIGHT = np.sqrt(0.5)
+"""Height of a wheel's axis, a unit vector: it lies nearer to level than to upright."""
 
 
 def floor_of(recording: Recording, config: LayersConfig) -> tuple[float, tuple[str, ...]]:
@@ -34,13 +36,21 @@ def floor_of(recording: Recording, config: LayersConfig) -> tuple[float, tuple[s
 
 
 def _below_wheels(urdf: str | None, base: str) -> float | None:
-    """Where turning links end below; None where a description tells none, or no such base."""
+    """Where the lowest wheel ends below; None where a description tells none, or no such base.
+
+    Links that turn without end about an upright axis are lidars and turrets, or hold a caster.
+    """
     try:
         robot = read_description(urdf or "", "robot_description", meshes=True)
     except SlamsimError:
         return None
     placed = robot.placements()
-    wheels = [joint.child for joint in robot.joints if joint.kind == "continuous"]
+    wheels = [
+        joint.child
+        for joint in robot.joints
+        if joint.kind == "continuous"
+        and abs(placed[joint.child][2, :3] @ joint.axis) < _MOST_UPRIGHT
+    ]
     lowest_m = [
         -shape.reach_m(placed[name], _DOWN)
         for name in wheels
