@@ -17,6 +17,7 @@ from slamsim.core.types import FloatArray, PlanarTrajectory
 from slamsim.guard.numbers import BadNumbers, NoSolution
 from slamsim.perception.calibration.drive import BLOCK_S, CLOCK, MOUNT, Drive
 from slamsim.perception.calibration.hand_eye import mount_by_motions
+from slamsim.perception.calibration.least_squares import GroupedSlopes, by_blocks
 from slamsim.perception.calibration.mount import (
     ALL_LENS,
     FEWEST_SIGHTINGS,
@@ -194,6 +195,30 @@ def test_slopes_are_those_of_finite_differences(short: Driven, model: CameraMode
         up, down = (at.moved(sign * direction).equations().cost for sign in (1.0, -1.0))
         expected = 2.0 * float(equations.gradient @ direction)
         assert 0.5 * (up - down) == pytest.approx(expected, rel=1e-3)
+
+
+def test_sums_over_blocks_need_no_zeros() -> None:
+    """Of sightings of nine groups in five blocks, one of them empty: term by term."""
+    rng, count = np.random.default_rng(7), 60
+    shared, own, off = (rng.normal(size=(count, 4, size)) for size in (3, 2, 1))
+    roots, group, block = (
+        rng.normal(size=(count, 4, 4)),
+        rng.integers(0, 9, count),
+        rng.choice([0, 1, 3, 4], count),
+    )
+    slopes = GroupedSlopes(shared, own, group, 9).times(roots)
+    gained, gradients = by_blocks(off[:, :, 0], slopes.of, block, 5)
+
+    expected, pulls = np.zeros((5, 21, 21)), np.zeros((5, 21))
+    for n in range(count):
+        whole = np.zeros((4, 21))
+        whole[:, :3] = shared[n]
+        whole[:, 3 + 2 * group[n] : 5 + 2 * group[n]] = own[n]
+        whole = roots[n] @ whole
+        expected[block[n]] += whole.T @ whole
+        pulls[block[n]] += whole.T @ off[n, :, 0]
+    assert np.allclose(gained, expected, rtol=0.0, atol=1e-9)
+    assert np.allclose(gradients, pulls, rtol=0.0, atol=1e-9)
 
 
 def test_too_little_is_told_with_what_is_needed(short: Driven) -> None:

@@ -17,6 +17,7 @@ from slamsim.core.types import FloatArray, IntArray
 from slamsim.perception.calibration.least_squares import (
     DOUBT_SQUARED,
     Equations,
+    GroupedSlopes,
     by_blocks,
     weigh,
 )
@@ -125,16 +126,16 @@ class Drive:
     def equations(self) -> Equations:
         off_px, slopes, by_base = self._linear()
         roots = self._roots(by_base)
-        unit, unit_slopes = _times(roots, off_px[..., None])[..., 0], _times(roots, slopes)
+        unit = _times(roots, off_px[..., None])[..., 0]
         weights, cost = weigh(unit, self.scale)
         unit *= np.sqrt(weights)[:, None]
-        unit_slopes *= np.sqrt(weights)[:, None, None]
+        roots *= np.sqrt(weights)[:, None, None]
         blocks = self.blocks
-        equations = by_blocks(unit, unit_slopes, blocks, int(blocks.max()) + 1)
+        equations = by_blocks(unit, slopes.times(roots).of, blocks, int(blocks.max()) + 1)
         if self.survey is not None:
             assert self.T_survey_map is not None
             rows, row_slopes = self.survey.rows(self.T_survey_map, self.T_map_tag, len(self.names))
-            more = by_blocks(rows, row_slopes, np.arange(len(rows)), len(rows))
+            more = by_blocks(rows, row_slopes.__getitem__, np.arange(len(rows)), len(rows))
             both = [np.concatenate(pair) for pair in zip(equations, more, strict=True)]
             equations = both[0], both[1]
             cost += float(np.square(rows).sum())
@@ -180,8 +181,8 @@ class Drive:
         off = np.where(seen[:, None], off, FARTHEST_OFF * self.model.width)
         return off.reshape(-1, 8), in_base, in_camera, velocities
 
-    def _linear(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Residuals (n, 8), their slopes (n, 8, p), and those (n, 8, 3) by a step of the base."""
+    def _linear(self) -> tuple[FloatArray, GroupedSlopes, FloatArray]:
+        """Residuals (n, 8), their slopes, and those (n, 8, 3) by a step of the base."""
         off_px, in_base, in_camera, velocities = self._seen()
         count = len(self.views)
         by_point = project_slopes(self.model, in_camera) @ self.T_base_camera[:3, :3].T
@@ -208,10 +209,9 @@ class Drive:
         shared = shared.reshape(count, 8, -1)
         if self.survey is not None:
             shared = np.concatenate([shared, np.zeros((count, 8, len(SURVEY)))], axis=2)
-        slopes = np.zeros((count, 8, shared.shape[2] + 6 * len(self.T_map_tag)))
-        slopes[:, :, : shared.shape[2]] = shared
-        places = shared.shape[2] + 6 * self.tag_of[:, None] + np.arange(6)
-        np.put_along_axis(slopes, places[:, None, :], by_tag.reshape(count, 8, 6), axis=2)
+        slopes = GroupedSlopes(
+            shared, by_tag.reshape(count, 8, 6), self.tag_of, len(self.T_map_tag)
+        )
         return off_px, slopes, by_base.reshape(count, 8, 3)
 
     def _in_map(self) -> FloatArray:
