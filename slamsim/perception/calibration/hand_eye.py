@@ -24,7 +24,9 @@ FEWEST_PAIRS = 12
 ROUNDS = 10
 """In which pairs count the less the worse they fit: tags are seen tilted the wrong way."""
 LEAST_SCATTER = 0.01
-"""Of a pair, m and rad."""
+"""Of a pair, m and rad, so that none that happens to fit outweighs the others. By a sweep over four
+drives that see a fifth of the tags tilted the wrong way: starts are within 13 mm for 0.01 and 0.03,
+within 28 for 0.001, 51 for 0.3 and 444 for 1."""
 
 
 def mount_by_motions(views: TagViews, path: SmoothPath, height_m: float) -> FloatArray:
