@@ -26,6 +26,7 @@ _STARVED = 4.0
 MOST_BYTES = 700 << 20
 """What one try may take beyond what the process holds before, 0.3 GiB once all is imported: with
 it less than 1 GiB."""
+CLOSING_S = 2.0
 _LONGEST_MESSAGE = 3000
 
 Outcome = Literal[
@@ -80,9 +81,21 @@ def attempt(tried: Try) -> Verdict:
     peak = max(_status_bytes("VmHWM") - held, 0)
     if outcome in GOOD and peak > MOST_BYTES:
         outcome, detail = "memory", f"{peak >> 20} MiB; {detail}"
-    if outcome in GOOD and _open_files() > files and gc.collect() >= 0 and _open_files() > files:
+    if outcome in GOOD and _stay_open(files):
         outcome = "open files"
     return Verdict(tried.name, outcome, detail, round(seconds, 4), peak)
+
+
+def _stay_open(files: int) -> bool:
+    """Whether more files than so many are open. Threads of Arrow close theirs after the call that
+    reads has ended, which takes a moment where their code has yet to come from the disk."""
+    until_s = time.monotonic() + CLOSING_S
+    while _open_files() > files:
+        gc.collect()
+        if time.monotonic() > until_s:
+            return True
+        time.sleep(0.01)
+    return False
 
 
 def _outcome(tried: Try) -> tuple[Outcome, str]:
