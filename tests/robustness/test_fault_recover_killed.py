@@ -94,7 +94,7 @@ def test_what_a_killed_simulation_had_recorded_is_mapped(tmp_path: Path) -> None
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
     assert told["folder"] == told["recording"] == "outputs/labyrinth_recovered"
-    assert sum(loss["bytes"] for loss in told["losses"]) < 400_000
+    assert sum(loss["bytes"] for loss in told["losses"]) < size  # the chunk that was being written
     assert recording.stat().st_size == size
     log = read_log(tmp_path / told["recording"])
     seconds = {topic["topic"]: topic["seconds"] for topic in told["topics"]}
