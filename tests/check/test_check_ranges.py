@@ -15,7 +15,6 @@ from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding
 from slamsim.check.questions.inertial.gravity import check_inertial
 from slamsim.check.questions.ranges.ranges import check_ranges
-from slamsim.check.questions.ranges.rounding import MAX_STEP_M, rounding_step_m
 from slamsim.check.questions.streams.scan_times import check_scan_time
 from slamsim.check.scan_sample import sample_scans
 from slamsim.core.types import Float32Array, FloatArray
@@ -23,6 +22,7 @@ from slamsim.io.bag2.writer import write_recording
 from slamsim.io.open import open_recording
 from slamsim.recording import RawImu, RawOdometry, RawScans, Recording, ScanLayout, TransformEdge
 from slamsim.recording.repairs.apply import apply_repairs
+from slamsim.slam.matching.range_noise import COARSE_STEP_M, rounding_step_m
 
 
 def range_findings(recording: Recording) -> list[Finding]:
@@ -400,7 +400,7 @@ def test_steps_as_long_as_a_cell_are_no_fault() -> None:
     """To the last bit, wherever the steps begin."""
     for begin_m in np.arange(0.5, 4.0, 0.05):
         steps_m = (begin_m + 0.05 * np.arange(20)).astype(np.float32)
-        assert rounding_step_m(np.repeat(steps_m, 20).astype(np.float64)) == MAX_STEP_M
+        assert rounding_step_m(np.repeat(steps_m, 20).astype(np.float64)) == COARSE_STEP_M
 
 
 def test_readings_too_few_to_show_a_step_are_not_called_fine() -> None:

@@ -15,12 +15,9 @@ from slamsim.slam.backend.views import ViewMaker
 from slamsim.slam.frontend.odometry import ELSEWHERE_M, ELSEWHERE_RAD
 from slamsim.slam.frontend.preintegration import OdometryNoise, OdometryStep
 from slamsim.slam.frontend.tracking import Tracked
-from slamsim.slam.matching.surfaces import range_noise_m
+from slamsim.slam.matching.range_noise import RangeNoise
 
 MAX_BEAMS = 180
-START_NOISE_M = 0.015
-NOISE_BOUNDS_M = (0.002, 0.05)
-NOISE_GAIN = 0.1
 BLIND = np.diag(np.square([0.3, 0.3, 0.2]))
 """Of a step between key frames of which no odometry says anything: m, m, rad."""
 OTHER_DRIVE_M = 50.0
@@ -107,7 +104,7 @@ class KeyframeMaker:
         self._config, self._reach_m = config, reach_m
         self._first_index = 0 if before is None else before.keyframe.index + 1
         self._restart = None if before is None else before.restart
-        self._noise_m = START_NOISE_M
+        self._noise = RangeNoise()
         self._view = ViewMaker()
         self._last: Keyframe | None = None
         self._T_map_before: FloatArray | None = None
@@ -139,10 +136,11 @@ class KeyframeMaker:
             self._view.clear()  # where the scans before stood is no longer known
         if tracked.match is None and not tracked.keyscan:
             return None
-        self._view.add(tracked.pieces, tracked.T_map_base, moved, self._noise_m)
+        self._view.add(tracked.pieces, tracked.T_map_base, moved, self._noise.sigma_m)
         if not self._due(tracked):
             return None
-        self._learn(tracked.pieces)
+        self._noise.see(tracked.cloud)
+        self._noise.learn(tracked.pieces)
         origin_m, beams_m = _some_beams(tracked.cloud, self._reach_m)
         view, T_map_view = self._view.take()
         first = self._last is None
@@ -159,7 +157,7 @@ class KeyframeMaker:
             beams_m=beams_m,
             path_m=self._path_m,
             restart=self._restart if first else tracked.restart,
-            noise_m=self._noise_m,
+            noise_m=self._noise.sigma_m,
             odometry=self._odometry,
             doubt_ns=self._doubt_ns,
             suspect=tracked.suspect or (first and self._restart is not None),
@@ -177,12 +175,6 @@ class KeyframeMaker:
         share = max(travel_m / self._config.travel_m, turned)
         waited_s = (tracked.stamp_ns - self._last.stamp_ns) * 1e-9
         return bool(share >= 1.0 or (waited_s >= self._config.interval_s and share >= 0.1))
-
-    def _learn(self, pieces: FloatArray) -> None:
-        seen_m = range_noise_m(pieces)
-        if np.isfinite(seen_m):
-            mixed_m = self._noise_m + NOISE_GAIN * (seen_m - self._noise_m)
-            self._noise_m = float(np.clip(mixed_m, *NOISE_BOUNDS_M))
 
 
 def chain_edge(

@@ -22,12 +22,10 @@ from slamsim.slam.matching.align import (
 )
 from slamsim.slam.matching.base import Match
 from slamsim.slam.matching.local_map import LocalMap
+from slamsim.slam.matching.range_noise import RangeNoise
 from slamsim.slam.matching.search import coarse_poses
-from slamsim.slam.matching.surfaces import range_noise_m, surface_pieces
+from slamsim.slam.matching.surfaces import surface_pieces
 
-START_NOISE_M = 0.015
-NOISE_BOUNDS_M = (0.002, 0.05)
-NOISE_GAIN = 0.1
 MIN_PARTNERS = 5
 SEARCH_CANDIDATES = 6
 NEAR_GATE_M = 0.1
@@ -62,7 +60,7 @@ class LineMatcher:
         self._matching = config.matching
         self._reach_m = config.max_range_m
         self._map = LocalMap(config.local_map.cell_m, config.local_map.window_m)
-        self._noise_m = START_NOISE_M
+        self._noise = RangeNoise()
         self._usual_fit = START_FIT
         self._unit = START_UNIT
         self._cached: tuple[Cloud, FloatArray] | None = None
@@ -70,17 +68,15 @@ class LineMatcher:
     @property
     def range_noise_m(self) -> float:
         """Standard deviation of a range, learnt from the scans so far."""
-        return self._noise_m
+        return self._noise.sigma_m
 
     def pieces(self, cloud: Cloud) -> FloatArray:
         """See ``Matcher.pieces``; the noise estimate follows along."""
         if self._cached is not None and self._cached[0] is cloud:
             return self._cached[1]
-        pieces = surface_pieces(cloud, self._noise_m, self._map.cell_m, self._reach_m)
-        seen_m = range_noise_m(pieces)
-        if np.isfinite(seen_m):
-            mixed_m = self._noise_m + NOISE_GAIN * (seen_m - self._noise_m)
-            self._noise_m = float(np.clip(mixed_m, *NOISE_BOUNDS_M))
+        self._noise.see(cloud)
+        pieces = surface_pieces(cloud, self._noise.sigma_m, self._map.cell_m, self._reach_m)
+        self._noise.learn(pieces)
         self._cached = (cloud, pieces)
         return pieces
 
@@ -160,7 +156,7 @@ class LineMatcher:
 
     def insert_pieces(self, pieces: FloatArray, T_map_base: FloatArray) -> None:
         """``insert`` for the (k, PIECE_FIELDS) pieces of a cloud."""
-        self._map.insert(pieces, T_map_base, self._noise_m)
+        self._map.insert(pieces, T_map_base, self._noise.sigma_m)
 
     def forget(self) -> None:
         """See ``Matcher.forget``."""
