@@ -30,7 +30,7 @@ COMPARED = 6
 
 
 def deviation(seed: int) -> float | None:
-    """How far one graph is off, in standard deviations, None where nobody knows.
+    """How far one graph is off, in standard deviations, None where neither answer is known.
 
     One in twenty has up to 3,000 poses, the rest up to 80. Where GTSAM finds no solution, or
     another one, long double decides, if the graph is small enough for that.
