@@ -74,6 +74,14 @@ Obstacles = Annotated[
         help="Also map what depth images show in the robot's way (mapping.layers.obstacles).",
     ),
 ]
+Places = Annotated[
+    bool,
+    typer.Option(
+        "--places",
+        help="Also look for loops where a depth camera sees a place again "
+        "(slam.back_end.closures.images).",
+    ),
+]
 Labels = Annotated[
     str,
     typer.Option(
@@ -116,6 +124,7 @@ def map_(
     tags: Tags = "",
     without: Without = "",
     intrinsics: Intrinsics = "",
+    places: Places = False,
     obstacles: Obstacles = False,
     labels: Labels = "",
     calibration: Calibration = "",
@@ -132,7 +141,7 @@ def map_(
 
     reporter = Reporter(quiet=quiet, as_json=as_json)
     recorded = is_recording(source)
-    set_ = [*(set_ or ()), *_asked(tags, labels, calibration, is_searched=obstacles)]
+    set_ = [*(set_ or ()), *_asked(tags, labels, calibration, places=places, obstacles=obstacles)]
     loaded = loaded_config(None if recorded else source, config, set_, seed, drive_seed=drive_seed)
     resolved = loaded.config
     name = recording_name(source) if recorded else resolved.world.name
@@ -175,7 +184,9 @@ def _refuse_images(without: str, intrinsics: str) -> None:
             raise OverrideRefused(option, "needs a recording, not a world")
 
 
-def _asked(tags: str, labels: str, calibration: str, *, is_searched: bool) -> Iterator[str]:
+def _asked(
+    tags: str, labels: str, calibration: str, *, places: bool, obstacles: bool
+) -> Iterator[str]:
     """What options of images set."""
     if tags:
         yield f"slam.landmarks.tags={tags}"
@@ -183,7 +194,9 @@ def _asked(tags: str, labels: str, calibration: str, *, is_searched: bool) -> It
         yield f"mapping.layers.labels={labels}"
     if calibration:
         yield f"slam.camera_calibration={calibration}"
-    if is_searched:
+    if places:
+        yield "slam.back_end.closures.images=true"
+    if obstacles:
         yield "mapping.layers.obstacles=true"
 
 

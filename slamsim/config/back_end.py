@@ -107,6 +107,10 @@ class ClosureConfig(Config):
     rounds: int = Field(2, ge=0, le=10)
     """Searches over all key frames after the run, each with the estimate of the one before."""
 
+    images: bool = False
+    """Whether places that a depth camera sees again are searched as well, wherever the estimate has
+    them."""
+
 
 class GraphConfig(Config):
     """How the pose graph weighs its measurements and how it is solved."""

@@ -14,7 +14,6 @@ from slamsim.config.dump import dump_commented_yaml
 from slamsim.config.loading import load_simulated_config, load_world_config
 from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
-from slamsim.core.landmarks import TagsSeen
 from slamsim.core.result import SlamResult
 from slamsim.core.types import Grid, Log, Trajectory
 from slamsim.guard.errors import SlamsimError
@@ -31,6 +30,7 @@ from slamsim.report.run_view import RunView, path_length_m, report_json
 from slamsim.run import folder as run_folder
 from slamsim.run.cameras import layers as run_layers
 from slamsim.run.cameras.asked import (
+    FromImages,
     from_images,
     refuse_unseen,
     refuse_wrong_files,
@@ -76,10 +76,10 @@ def map_world(
         checked = _checked(opened.recording, stages)
         log = replace(opened.log(), name=config.world.name)
         known = _known(log, opened.truth(), wanted, (simulation.world, config))
-        images, tags = from_images(source, opened.recording, config, stages, calibrated)
+        images = from_images(source, opened.recording, log, config, stages, calibrated)
         del opened
         return_freed_memory()
-        report = _map(log, config, partial, stages, known, checked, tags, images)
+        report = _map(log, config, partial, stages, known, checked, images)
     require_finished(simulation, folder)
     return report
 
@@ -109,7 +109,7 @@ def map_recording(
     del opened  # with the truth as it was recorded
     return_freed_memory()
     checked = _checked(recording, stages)
-    images, tags = from_images(path, recording, config, stages, calibrated)
+    images = from_images(path, recording, log, config, stages, calibrated)
     del recording
     return_freed_memory()
     with partial_folder(folder, overwrite) as partial:
@@ -120,7 +120,7 @@ def map_recording(
         write_config(partial, config)
         if known.truth is not None:
             run_folder.write_truth(partial, known.truth)
-        return _map(log, config, partial, stages, known, checked, tags, images, earlier)
+        return _map(log, config, partial, stages, known, checked, images, earlier)
 
 
 def require_used(report: Report, folder: Path) -> None:
@@ -147,15 +147,14 @@ def _map(
     stages: Stages,
     known: Known,
     checked: CheckReport,
-    tags: TagsSeen,
-    images: run_layers.LayerSources,
+    images: FromImages,
     earlier: Earlier | None = None,
 ) -> Report:
     """What SLAM made of it is written before anything is drawn of it, so that it stays whatever
     fails then."""
-    result, saved = _slam(log, config, stages, earlier, tags)
+    result, saved = _slam(log, config, stages, earlier, images)
     log = result.log or log
-    log = replace(log, warnings=(*log.warnings, *images.told))
+    log = replace(log, warnings=(*log.warnings, *images.layers.told))
     unjoined = "" if earlier is None else earlier.unjoined(saved, result, log)
     run_folder.write_slam(partial, result, sure=not unjoined)
     write_saved_map(partial / run_folder.SAVED_MAP, saved)
@@ -166,7 +165,8 @@ def _map(
     with failures.caught("map", last):
         grid = _grid(log, result, saved, config, stages)
         run_folder.write_map(partial, grid)
-        layers = run_layers.map_layers(images, log, result, grid, config.mapping, stages, failures)
+        sources = images.layers
+        layers = run_layers.map_layers(sources, log, result, grid, config.mapping, stages, failures)
         run_layers.write_layers(partial, layers, known.world)
         with failures.caught("report", last):
             view = _scored(log, result, grid, config, stages, known, sure=not unjoined)
@@ -178,6 +178,8 @@ def _map(
                 _write_pages(partial, view)
     failed = tuple(failures)
     complete = not {"map", "report"} & {one.stage for one in failed}
+    if config.slam.back_end.closures.images:
+        numbers["places_seen_again"] = len(images.again)
     numbers["failed_stages"] = [asdict(one) for one in failed]
     write_atomic(partial / run_folder.REPORT_JSON, as_json(run_folder.REPORT_JSON, numbers))
     return Report(
@@ -209,11 +211,13 @@ def _verdict(view: RunView, unjoined: str) -> str:
 
 
 def _slam(
-    log: Log, config: RunConfig, stages: Stages, earlier: Earlier | None, tags: TagsSeen
+    log: Log, config: RunConfig, stages: Stages, earlier: Earlier | None, images: FromImages
 ) -> tuple[SlamResult, SavedMap]:
     saved_map, start = (None, None) if earlier is None else (earlier.saved, earlier.start)
     with stages.stage("slam", "scans/s") as progress:
-        return map_log(log, config.slam, progress, saved_map, start, tags=tags)
+        return map_log(
+            log, config.slam, progress, saved_map, start, tags=images.tags, again=images.again
+        )
 
 
 def _grid(log: Log, result: SlamResult, saved: SavedMap, config: RunConfig, stages: Stages) -> Grid:

@@ -12,6 +12,7 @@ import numpy as np
 
 from slamsim.config.slam import SlamConfig
 from slamsim.core.landmarks import NO_TAGS, Landmark, TagsSeen
+from slamsim.core.places import SeenAgain
 from slamsim.core.progress import Progress, silent
 from slamsim.core.result import Calibrated, Event, MapGraph, SlamResult
 from slamsim.core.types import FloatArray, Log, PlanarTrajectory, Scan
@@ -19,6 +20,7 @@ from slamsim.guard.errors import SlamsimError
 from slamsim.guard.numbers import require_finite, require_mount, solving
 from slamsim.process.children import return_freed_memory
 from slamsim.slam.backend.surface_information import MapInformation
+from slamsim.slam.closures.images import ImageCandidates
 from slamsim.slam.failures import Failures
 from slamsim.slam.frontend.keyframes import ABOUT_THERE, ANYWHERE, Before, Keyframe, KeyframeMaker
 from slamsim.slam.frontend.motion import NoMotion, Odometry, log_odometry, predict_motion
@@ -258,13 +260,15 @@ def map_log(
     start: FloatArray | None = None,
     fixed: bool = False,
     tags: TagsSeen = NO_TAGS,
+    again: Sequence[SeenAgain] = (),
 ) -> tuple[SlamResult, SavedMap]:
     """As ``run_slam``, with what a later run needs to go on or to localise in this map.
 
     earlier: a map to go on with; the trajectory is then in its frame, and both are one map, as
     soon as something is recognised. start: (3,) T_map_base in it at the first scan, give or take
     half a metre; without it the robot finds itself. fixed: the earlier map stays as it is. tags: in
-    its images; those of the earlier map are known ones as soon as it is joined.
+    its images; those of the earlier map are known ones as soon as it is joined. again: places that
+    its images show again, where closures are sought besides.
     """
     started_s = time.perf_counter()
     if start is not None:
@@ -285,7 +289,8 @@ def map_log(
     before = None
     if earlier is not None:
         before = Before(earlier.keyframes[-1], ANYWHERE if start is None else ABOUT_THERE, fixed)
-    keeper, scans = SyncBackEnd(config, earlier, fixed), InOrder(log.scans)
+    images, scans = ImageCandidates(again, odometry), InOrder(log.scans)
+    keeper = SyncBackEnd(config, earlier, fixed, images)
     with SlamSession(config, front_end, WholeMotion(odometry), keeper, before) as session:
         for number, scan in enumerate(scans):
             session.follow(scan)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from slamsim.config.run import RunConfig
 from slamsim.config.streams import SensorEntry
 from slamsim.core.landmarks import NO_TAGS, TagsSeen
+from slamsim.core.places import SeenAgain
 from slamsim.core.types import Log, Scan
 from slamsim.guard.errors import OverrideRefused, shown
 from slamsim.perception.calibrated import CalibratedCameras, read_calibration
@@ -17,9 +19,11 @@ from slamsim.perception.recorded import known_tags, tags_seen
 from slamsim.perception.tag_families import parse_tags
 from slamsim.recording import Recording
 from slamsim.run.cameras.layers import LayerSources, layer_sources
+from slamsim.run.cameras.places import places_seen_again
 from slamsim.run.stages import Stages
 from slamsim.sensors.cameras.entry import CameraSettings
 from slamsim.slam.frontend.scan_order import NothingSeen, nothing_seen
+from slamsim.slam.session import odometry_of
 
 _log = logging.getLogger(__name__)
 _KINDS = {"Image", "CompressedImage"}
@@ -37,6 +41,8 @@ def refuse_unseen(config: RunConfig) -> CalibratedCameras:
     layers, lacks = config.mapping.layers, "needs a camera that sees {}; as --config realsense_d435"
     if config.slam.landmarks.tags and not any(_shows(entry, is_depth=False) for entry in entries):
         raise OverrideRefused("--tags", lacks.format("them"))
+    if config.slam.back_end.closures.images and not any(_shows(e, is_depth=True) for e in entries):
+        raise OverrideRefused("--places", lacks.format("depth"))
     if layers.obstacles and not any(_shows(entry, is_depth=True) for entry in entries):
         raise OverrideRefused("--obstacles", lacks.format("depth"))
     topics = sorted(topic for entry in entries for topic in _labels(entry))
@@ -80,26 +86,48 @@ def refuse_wrong_files(config: RunConfig, *, continues: bool = False) -> Calibra
     return read_calibration(config.slam.camera_calibration)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class FromImages:
+    """layers: of what they are made. tags: as images show them. again: places that they show
+    again."""
+
+    layers: LayerSources
+    tags: TagsSeen
+    again: tuple[SeenAgain, ...]
+
+
 def from_images(
     path: Path,
     recording: Recording,
+    log: Log,
     config: RunConfig,
     stages: Stages,
     calibrated: CalibratedCameras,
-) -> tuple[LayerSources, TagsSeen]:
-    """Of what layers are made, and what images show of the tags that the configuration asks for.
+) -> FromImages:
+    """What the configuration asks for. log: of the recording.
 
-    Raises as ``layer_sources`` and ``tags_seen``.
+    Raises as ``layer_sources``, ``tags_seen`` and ``places_seen_again``.
     """
     sources = layer_sources(path, recording, config.mapping.layers, calibrated)
-    is_for_tags, layers = bool(config.slam.landmarks.tags), config.mapping.layers
-    if calibrated.cameras and not (is_for_tags or layers.obstacles or layers.labels):
-        _log.warning("--calibration changes nothing without --tags, --obstacles or --labels")
-    if not is_for_tags:
-        return sources, NO_TAGS
-    with stages.stage("tags", "images/s") as progress:
-        tags = tags_seen(path, recording, config.slam.landmarks, progress, calibrated)
-    return sources, tags
+    is_for_tags, is_for_places = (
+        bool(config.slam.landmarks.tags),
+        config.slam.back_end.closures.images,
+    )
+    layers, tags = config.mapping.layers, NO_TAGS
+    again: tuple[SeenAgain, ...] = ()
+    if calibrated.cameras and not (
+        is_for_tags or is_for_places or layers.obstacles or layers.labels
+    ):
+        told = "--calibration changes nothing without --tags, --places, --obstacles or --labels"
+        _log.warning(told)
+    if is_for_tags:
+        with stages.stage("tags", "images/s") as progress:
+            tags = tags_seen(path, recording, config.slam.landmarks, progress, calibrated)
+    if is_for_places:
+        with stages.stage("places", "images/s") as progress:
+            odometry = odometry_of(log)
+            again = places_seen_again(path, recording, odometry, calibrated, progress)
+    return FromImages(sources, tags, again)
 
 
 def require_returns(log: Log) -> None:

@@ -27,6 +27,7 @@ from slamsim.slam.backend.solution import Solution
 from slamsim.slam.backend.surface_information import SurfaceInformation
 from slamsim.slam.calibration.recalibrate import Recalibration
 from slamsim.slam.calibration.solve import Solved
+from slamsim.slam.closures.images import ImageCandidates
 from slamsim.slam.closures.search import ClosureSearch
 from slamsim.slam.closures.submap_cutter import SubmapCutter
 from slamsim.slam.closures.submaps import Submap
@@ -49,9 +50,12 @@ CALIBRATION_ROUNDS = 2
 
 
 class BackEnd:
-    """Takes one key frame after the other, and keeps the map in one piece."""
+    """Takes one key frame after the other, and keeps the map in one piece.
 
-    def __init__(self, config: SlamConfig) -> None:
+    images: candidates for closures that images tell, in addition to those of the estimate.
+    """
+
+    def __init__(self, config: SlamConfig, images: ImageCandidates | None = None) -> None:
         self._config = config.back_end
         self._motion = config.front_end.motion
         self._odometry_noise = OdometryNoise(self._motion)
@@ -59,7 +63,8 @@ class BackEnd:
         """Of wheels and gyroscope, once finished; None without odometry."""
         self._cutter = SubmapCutter(self._config.submaps)
         self._solution = Solution(self._config.graph)
-        self._search = ClosureSearch(self._config, self._cutter, self._solution)
+        images = images or ImageCandidates()
+        self._search = ClosureSearch(self._config, self._cutter, self._solution, images)
         self._taken: list[int] = []
         self._passed: list[OdometryStep | None] = []
         self._visits = Visits()

@@ -147,6 +147,17 @@ class Solution:
         T_submap_query = between(self.poses[anchor], self.poses[index])
         return Expected(T_submap_query, self.estimate.covariance(anchor, index))
 
+    def may_be(self, edge: GraphEdge) -> bool:
+        """Whether a key frame may be where an edge has it, by how far any odometry drifts; anywhere
+        where none tells."""
+        if self.parts.of(edge.source) != self.parts.of(edge.target):
+            return True
+        if self.parts.open_between(edge.source, edge.target):
+            return True
+        expected = self.expected(edge.source, edge.target)
+        drifted = self._drifted(expected, edge.source, edge.target)
+        return bool(sigmas_off(edge, drifted) <= CARRIED_SIGMAS)
+
     def due(self) -> bool:
         """Whether an update now would help the search for the next closures."""
         if not self._unsolved:
@@ -198,15 +209,19 @@ class Solution:
         if not begins or not self.parts.linked(edge.source, edge.target):
             return
         expected = self.expected(edge.source, edge.target)
-        steps = np.diff(self.poses[slice(*sorted((edge.source, edge.target + 1)))], axis=0)
-        drift_m = DRIFT_M_PER_M * float(np.hypot(steps[:, 0], steps[:, 1]).sum())
-        drift = np.diag(np.square([drift_m, drift_m, MOST_DRIFT_RAD]))
-        drifted = replace(expected, covariance=expected.covariance + drift)
+        drifted = self._drifted(expected, edge.source, edge.target)
         for begin in begins:
             if sigmas_off(edge, expected) <= CARRIED_SIGMAS:
                 self.parts.withdraw(begin)
             elif sigmas_off(edge, drifted) > CARRIED_SIGMAS:
                 self.loosen(begin)
+
+    def _drifted(self, expected: Expected, source: int, target: int) -> Expected:
+        """As unsure as the worst odometry leaves it."""
+        steps = np.diff(self.poses[slice(*sorted((source, target + 1)))], axis=0)
+        drift_m = DRIFT_M_PER_M * float(np.hypot(steps[:, 0], steps[:, 1]).sum())
+        drift = np.diag(np.square([drift_m, drift_m, MOST_DRIFT_RAD]))
+        return replace(expected, covariance=expected.covariance + drift)
 
     def _carried(self, keyframe: int, T_map_base: FloatArray) -> FloatArray:
         """(n, 3) the poses with a whole part moved so that this key frame of it lies there."""

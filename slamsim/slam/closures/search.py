@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from slamsim.config.back_end import BackEndConfig
-from slamsim.core.geometry import between
+from slamsim.core.geometry import between, compose
 from slamsim.core.result import GraphEdge
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.slam.backend.solution import Solution
 from slamsim.slam.closures.candidates import CandidateIndex
 from slamsim.slam.closures.closure import Closure, ClosureFinder, Expected, Refusal
+from slamsim.slam.closures.images import BY_IMAGES, ImageCandidates
 from slamsim.slam.closures.pending import WaitingClosures
 from slamsim.slam.closures.rejoin import MapSearch
 from slamsim.slam.closures.relocalise import QUICK, THOROUGH
@@ -36,8 +38,14 @@ MOVED_RAD = 0.03
 class ClosureSearch:
     """Searches the submaps of ``cutter``; what is believed is entered into ``solution``."""
 
-    def __init__(self, config: BackEndConfig, cutter: SubmapCutter, solution: Solution) -> None:
-        self._config = config.closures
+    def __init__(
+        self,
+        config: BackEndConfig,
+        cutter: SubmapCutter,
+        solution: Solution,
+        images: ImageCandidates,
+    ) -> None:
+        self._config, self._images = config.closures, images
         self._cutter, self._solution = cutter, solution
         self._candidates = CandidateIndex(config.closures)
         self._finder = ClosureFinder(config)
@@ -69,7 +77,7 @@ class ClosureSearch:
         is_open = bool(parts.open_between(begun - 1, begun))
         query = self._cutter.query(index, self._config.query_travel_m)
         before_m = np.nextafter(self._path_m(begun), np.inf) if is_open else -np.inf
-        found = 0
+        found = self._by_images(query)
         for number in self._candidates.of(query, self._solution.estimate, before_m):
             anchor = self._cutter.submaps[number].anchor
             if not parts.linked(anchor, index) or (number, index) in self._closed:
@@ -108,6 +116,30 @@ class ClosureSearch:
         self._finder.forget_grids()
         self._far.forget_map()
         self._apart.forget_map()
+
+    def _by_images(self, query: Submap) -> int:
+        """Look for a key frame where images showed its place before; others must agree with it, for
+        what looks alike to cameras may be alike."""
+        found, submaps, index = 0, self._cutter.submaps, query.anchor
+        for keyframe, T_keyframe_query in self._images.of(self._cutter.keyframes, index):
+            number = self._cutter.submap_around(keyframe)
+            if number is None or (number, index) in self._closed:
+                continue
+            anchor = submaps[number].anchor
+            if submaps[number].to_path_m > query.to_path_m - self._config.min_travel_m:
+                continue
+            T_anchor_keyframe = between(
+                self._solution.poses[anchor], self._solution.poses[keyframe]
+            )
+            T = compose(T_anchor_keyframe, T_keyframe_query)
+            closure = self._find(query, number, Expected(T, BY_IMAGES))
+            if closure is None:
+                continue
+            if not self._solution.may_be(closure.edge):
+                self.refusals["contradiction"] += 1
+            else:
+                found += self._weigh(replace(closure, expected=False))
+        return found
 
     def _look_far(self, index: int, before_m: float) -> int:
         """Look for a key frame in all that it may see again after a drift larger than any window of

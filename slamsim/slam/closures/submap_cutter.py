@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
+
 from slamsim.config.back_end import SubmapConfig
 from slamsim.slam.closures.submaps import Submap, Surfaces, make_submap, submap_is_full
 from slamsim.slam.frontend.keyframes import Keyframe
@@ -37,6 +39,14 @@ class SubmapCutter:
             return None
         begun, self._begin = self._begin, self._begin + len(members) // 2
         return self._finished(begun, keyframe.index + 1)
+
+    def submap_around(self, index: int) -> int | None:
+        """Number of the submap of which a key frame is nearest to the middle; None of one that is
+        not kept in any, or not yet."""
+        after = bisect_left(self.submaps, index, key=lambda one: one.anchor)
+        around = range(max(after - 1, 0), min(after + 1, len(self.submaps)))
+        holding = [n for n in around if self.submaps[n].first <= index <= self.submaps[n].last]
+        return min(holding, key=lambda n: abs(self.submaps[n].anchor - index), default=None)
 
     def query(self, index: int, travel_m: float, most: int | None = None) -> Submap:
         """A key frame with those just before it, at most so many: as many as a submap has."""

@@ -16,6 +16,7 @@ from slamsim.slam.backend.back_end import BackEnd
 from slamsim.slam.backend.correction import Correction
 from slamsim.slam.backend.surface_information import SurfaceInformation
 from slamsim.slam.calibration.solve import Solved
+from slamsim.slam.closures.images import ImageCandidates
 from slamsim.slam.frontend.keyframes import Keyframe
 from slamsim.slam.mapping.saved_map import SavedMap
 
@@ -98,13 +99,17 @@ class Changes:
 class SyncBackEnd:
     """The back end within the session: each key frame is dealt with before ``take`` returns.
 
-    earlier: a map to go on with. fixed: it stays as it is.
+    earlier: a map to go on with. fixed: it stays as it is. images: as ``BackEnd`` has them.
     """
 
     def __init__(
-        self, config: SlamConfig, earlier: SavedMap | None = None, fixed: bool = False
+        self,
+        config: SlamConfig,
+        earlier: SavedMap | None = None,
+        fixed: bool = False,
+        images: ImageCandidates | None = None,
     ) -> None:
-        self._back_end, self._changes = BackEnd(config), Changes()
+        self._back_end, self._changes = BackEnd(config, images), Changes()
         if earlier is not None and fixed:
             self._back_end.hold(earlier.keyframes, earlier.poses)
         elif earlier is not None:
