@@ -69,6 +69,7 @@ def test_a_world_is_not_mapped_by_camera_alone(tmp_path: Path) -> None:
     [
         (("--tags", "apriltag_36h11:0.2"), "--tags: needs a camera that sees them"),
         (("--obstacles",), "--obstacles: needs a camera that sees depth"),
+        (("--places",), "--places: needs a camera that sees depth"),
         (("--config", "realsense_d435", "--labels", "/x"), "/ground_truth/front/color/instances"),
         (("--config", "realsense_d435", "--tags", "apriltag:1"), "no family of tags"),
         (("--config", "realsense_d435", "--calibration", "none.yaml"), "none.yaml"),

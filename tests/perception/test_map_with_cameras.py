@@ -27,6 +27,10 @@ def test_a_drive_is_mapped_with_tags_and_without_its_lidar(tmp_path: Path) -> No
     assert isinstance(by_lidar["tags"], list) and by_lidar["tags"]
     assert isinstance(by_lidar["ate_rmse_m"], float) and by_lidar["ate_rmse_m"] < 0.005
 
+    by_images = _mapped(tmp_path, "--places", "-o", "places")
+    assert isinstance(by_images["places_seen_again"], int)
+    assert isinstance(by_images["ate_rmse_m"], float) and by_images["ate_rmse_m"] < 0.005
+
     told = _mapped(tmp_path, *TAGS, "--without", "lidar", "-o", "camera")
     assert isinstance(told["ate_rmse_m"], float) and told["ate_rmse_m"] < 0.05
     assert isinstance(told["lidar_ate_rmse_m"], float) and told["lidar_ate_rmse_m"] < 0.05

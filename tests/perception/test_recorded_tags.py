@@ -17,6 +17,7 @@ from slamsim.cameras.lens import CameraModel, pinhole
 from slamsim.config.loading import load_run_config
 from slamsim.console.reporter import Reporter
 from slamsim.core.landmarks import TagObservation
+from slamsim.core.types import Log
 from slamsim.guard.errors import InputRefused, NotFound
 from slamsim.io.cameras.writers import calibration_yaml
 from slamsim.perception import recorded
@@ -165,7 +166,8 @@ def test_what_is_inconclusive_and_what_is_not_used_is_told(
     found = refuse_wrong_files(config)
     assert list(found.cameras) == ["/front/color/image_raw/compressed"]
     assert caplog.text.count("is inconclusive") == 1
-    from_images(tmp_path, Recording("r", "memory"), config, Stages(Reporter(quiet=True)), found)
+    stages, log = Stages(Reporter(quiet=True)), Log("r", "unknown", [], None, None, None, np.eye(4))
+    from_images(tmp_path, Recording("r", "memory"), log, config, stages, found)
     assert "--calibration changes nothing" in caplog.text
 
 

@@ -47,12 +47,13 @@ LOOSE = np.diag([1.0, 1.0, 4.0])
 class Closure:
     """A verified match. edge: from the submap's anchor to the key frame. expected: whether the
     estimate knew before where to find it. submap: number of the submap. path_m: of the key
-    frame."""
+    frame. witnesses: sensors that found it without one another."""
 
     edge: GraphEdge
     expected: bool
     submap: int
     path_m: float
+    witnesses: int = 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -42,11 +42,11 @@ class WaitingClosures:
         return (*agreeing, closure)
 
     def _witnesses(self, closures: Sequence[Closure]) -> int:
-        """How many of the closures' key frames are far enough from one another on the path."""
+        """Those of closures whose key frames are far enough from one another on the path."""
         count, last_m = 0, -np.inf
-        for path_m in sorted(closure.path_m for closure in closures):
-            if path_m - last_m >= self._apart_m:
-                count, last_m = count + 1, path_m
+        for closure in sorted(closures, key=lambda one: (one.path_m, -one.witnesses)):
+            if closure.path_m - last_m >= self._apart_m:
+                count, last_m = count + closure.witnesses, closure.path_m
         return count
 
     def forget(self, path_m: float) -> int:

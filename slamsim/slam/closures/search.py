@@ -118,8 +118,8 @@ class ClosureSearch:
         self._apart.forget_map()
 
     def _by_images(self, query: Submap) -> int:
-        """Look for a key frame where images showed its place before; others must agree with it, for
-        what looks alike to cameras may be alike."""
+        """Look for a key frame where images showed its place before. Camera and lidar are two
+        witnesses; others must agree with them, for what looks alike to one may do so to both."""
         found, submaps, index = 0, self._cutter.submaps, query.anchor
         for keyframe, T_keyframe_query in self._images.of(self._cutter.keyframes, index):
             number = self._cutter.submap_around(keyframe)
@@ -138,7 +138,7 @@ class ClosureSearch:
             if not self._solution.may_be(closure.edge):
                 self.refusals["contradiction"] += 1
             else:
-                found += self._weigh(replace(closure, expected=False))
+                found += self._weigh(replace(closure, expected=False, witnesses=2))
         return found
 
     def _look_far(self, index: int, before_m: float) -> int:
