@@ -121,6 +121,7 @@ class ClosureSearch:
         """Look for a key frame where images showed its place before. Camera and lidar are two
         witnesses; others must agree with them, for what looks alike to one may do so to both."""
         found, submaps, index = 0, self._cutter.submaps, query.anchor
+        tried: dict[int, FloatArray] = {}
         for keyframe, T_keyframe_query in self._images.of(self._cutter.keyframes, index):
             number = self._cutter.submap_around(keyframe)
             if number is None or (number, index) in self._closed:
@@ -132,6 +133,9 @@ class ClosureSearch:
                 self._solution.poses[anchor], self._solution.poses[keyframe]
             )
             T = compose(T_anchor_keyframe, T_keyframe_query)
+            if number in tried and _is_near(tried[number], T):
+                continue
+            tried[number] = T
             closure = self._find(query, number, Expected(T, BY_IMAGES))
             if closure is None:
                 continue
@@ -197,10 +201,7 @@ class ClosureSearch:
     def _failed_before(self, number: int, index: int, expected: Expected) -> bool:
         """Whether the same search from nearly the same place led nowhere."""
         before = self._failures.get((number, index))
-        if before is None:
-            return False
-        moved = between(before, expected.T_submap_query)
-        return bool(np.hypot(moved[0], moved[1]) < MOVED_M and abs(moved[2]) < MOVED_RAD)
+        return before is not None and _is_near(before, expected.T_submap_query)
 
     def _weigh(self, closure: Closure) -> int:
         """Believe an expected closure at once, a surprising one when others agree; how many count
@@ -220,3 +221,9 @@ class ClosureSearch:
 
     def _path_m(self, index: int) -> float:
         return self._cutter.keyframes[index].path_m
+
+
+def _is_near(T_submap_before: FloatArray, T_submap_query: FloatArray) -> bool:
+    """Whether a search would find the same from both."""
+    moved = between(T_submap_before, T_submap_query)
+    return bool(np.hypot(moved[0], moved[1]) < MOVED_M and abs(moved[2]) < MOVED_RAD)
