@@ -164,6 +164,7 @@ def _map(
     last = len(result.graph.keyframes) - 1
     with failures.caught("map", last):
         grid = _grid(log, result, saved, config, stages)
+        del saved  # its key frames take 0.1 GB of a drive of two hours
         run_folder.write_map(partial, grid)
         sources = images.layers
         layers = run_layers.map_layers(sources, log, result, grid, config.mapping, stages, failures)

@@ -41,9 +41,8 @@ def nothing_seen(poses: FloatArray) -> tuple[SurfaceInformation, FloatArray]:
     nowhere = np.zeros((0, 2), dtype=np.int64)
     seen = empty_system(panels)
     closures = nowhere, np.zeros((0, 3, 3))
-    return SurfaceInformation(
-        panels, seen, drift, closures, nowhere, poses, np.zeros_like(poses)
-    ), drift
+    of_surfaces = panels, seen, nowhere
+    return SurfaceInformation.of(of_surfaces, drift, closures, poses, np.zeros_like(poses)), drift
 
 
 def driven(poses: FloatArray, drift: FloatArray, covariances: FloatArray) -> Smoothed:
@@ -87,7 +86,9 @@ def test_covariances_are_the_dense_inverse_of_all_that_was_seen_and_driven(
         ends[:, 3 * second : 3 * second + 3] = np.eye(3)
         dense += ends.T @ np.linalg.inv(covariance) @ ends
     inverse = np.asarray(np.linalg.inv(dense[3:, 3:]), np.float64)
-    information = SurfaceInformation(panels, seen, drift, (loop, loose), pairs, poses, T_base_view)
+    information = SurfaceInformation.of(
+        (panels, seen, pairs), drift, (loop, loose), poses, T_base_view
+    )
     found = information.covariances()
     assert not found[0].any()
     for k in range(1, count):
@@ -115,7 +116,7 @@ def test_within_the_map_bridges_count_as_they_lie(seed: int, count: int) -> None
     panels = make_panels(number[ends], count - 1)
     nowhere = np.zeros((0, 2), dtype=np.int64)
     seen, level = empty_system(panels), np.zeros_like(poses)
-    information = SurfaceInformation(panels, seen, drift, (loop, loose), nowhere, poses, level)
+    information = SurfaceInformation.of((panels, seen, nowhere), drift, (loop, loose), poses, level)
     dense = np.zeros((3 * count, 3 * count))
     for (source, target), covariance in zip(ends, [*drift, *loose], strict=True):
         row = np.zeros((3, 3 * count))

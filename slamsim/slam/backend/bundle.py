@@ -177,9 +177,8 @@ class _Bundle:
         ends = np.stack([self._sources, self._targets], axis=1)[self._count :]
         drift, loose = np.split(steps, [self._count])
         closures = np.maximum(ends - (self._held - 1), 0), loose
-        return SurfaceInformation(
-            self._panels, seen, drift, closures, pairs, poses, np.zeros_like(poses)
-        )
+        of_surfaces = self._panels, seen, pairs
+        return SurfaceInformation.of(of_surfaces, drift, closures, poses, np.zeros_like(poses))
 
     def check(self, before: FloatArray, after: FloatArray) -> None:
         """Raise NotRefined unless the poses became more likely without being torn about."""

@@ -50,9 +50,9 @@ def relative_covariances(poses: FloatArray, edges: Sequence[GraphEdge], fixed: i
 class Joined:
     """A solved graph of poses (n, 3) with one of them held fixed: how unsure the others are.
 
-    seen: a system of all poses but the fixed one, numbered in their order, and the (p, 2) pairs of
-    poses that meet in it. steps: (m, 2) pairs of poses with the (m, 3, 3) covariance of each, of
-    its second pose in that one's own frame. Raises NoSolution.
+    seen: a system of all poses but the fixed one, numbered in their order, whose place its factor
+    takes, and the (p, 2) pairs of poses that meet in it. steps: (m, 2) pairs of poses with the (m,
+    3, 3) covariance of each, of its second pose in that one's own frame. Raises NoSolution.
     """
 
     def __init__(
@@ -62,13 +62,13 @@ class Joined:
         seen: tuple[Panels, FloatArray, IntArray],
         steps: tuple[IntArray, FloatArray],
     ) -> None:
-        panels, values, met = seen
+        panels, system, met = seen
         ends, covariances = steps
         number = _numbers(len(poses), fixed)
         self._bridges = find_bridges(np.concatenate([ends, met]), len(poses), fixed)
         self._across = Across.of(self._bridges, poses, ends, covariances)
         self._others = np.delete(np.arange(len(poses)), fixed)
-        gates, system = self._bridges.gates, values.copy()
+        gates = self._bridges.gates
         inside = np.ones(len(ends), dtype=np.bool_)
         inside[self._bridges.link[gates]] = False
         carry = adjoint(between(poses[ends[inside, 1]], poses[ends[inside, 0]]))

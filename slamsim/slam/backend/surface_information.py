@@ -11,14 +11,14 @@ other, shakier poses.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from slamsim.core.geometry import adjoint, between, compose, inverse, rotation
 from slamsim.core.result import EdgeKind, GraphEdge, MapGraph
 from slamsim.core.types import FloatArray, IntArray
-from slamsim.models.supernodes import Panels, blocks_at
+from slamsim.models.supernodes import Panels, add_blocks, blocks_at, empty_system
 from slamsim.slam.backend.gauge import WholeMap
 from slamsim.slam.backend.marginals import Joined
 from slamsim.slam.backend.smoothing import Smoothed
@@ -36,21 +36,40 @@ class Sure(NamedTuple):
 class SurfaceInformation:
     """What holds n views of a map together.
 
-    panels, values: what the views of shared surfaces say, a system whose unknowns are small steps
-    of each view but the first, which is held fixed and stands for all that are, in its own frame.
+    panels: storage for a system whose unknowns are small steps of each view but the first, which is
+    held fixed and stands for all that are, in its own frame. met, known: what the views of shared
+    surfaces say: (m, 2) of the others, each with itself and then with those that it meets, and (m,
+    3, 3). In its panels such a system takes many times the memory.
     drift: (n - 1, 3, 3) covariance of the odometry from view to view, of the later one in its own
     frame. closures: (c, 2) views that a closure joins without any surface that they share, and
-    (c, 3, 3) covariance of the second ones. pairs: (p, 2) of views that share surfaces. poses:
-    (n, 3) T_map_view. T_base_view: (n, 3) where each view is seen from its base.
+    (c, 3, 3) covariance of the second ones. pairs: (p, 2) of views that share surfaces, each pair
+    without the first once. poses: (n, 3) T_map_view. T_base_view: (n, 3) where each view is seen
+    from its base.
     """
 
     panels: Panels
-    values: FloatArray
+    met: IntArray
+    known: FloatArray
     drift: FloatArray
     closures: tuple[IntArray, FloatArray]
     pairs: IntArray
     poses: FloatArray
     T_base_view: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        seen: tuple[Panels, FloatArray, IntArray],
+        drift: FloatArray,
+        closures: tuple[IntArray, FloatArray],
+        poses: FloatArray,
+        T_base_view: FloatArray,
+    ) -> Self:
+        """seen: the panels, the system in them, and the pairs."""
+        panels, system, pairs = seen
+        met = np.concatenate([_twice(len(poses) - 1, 1), pairs[(pairs > 0).all(axis=1)]])
+        known = blocks_at(panels, system, met - 1)
+        return cls(panels, met, known, drift, closures, pairs, poses, T_base_view)
 
     @property
     def bases(self) -> FloatArray:
@@ -89,10 +108,8 @@ class SurfaceInformation:
         which is held fixed here, has in common with each view.
         """
         count = len(self.poses) - first
-        inner = np.unique(self.pairs[(self.pairs >= first).all(axis=1)], axis=0)
-        shared = np.concatenate([_twice(count, first), inner])
-        found = blocks_at(self.panels, self.values, shared - 1)
-        pairs = shared - first + 1
+        later = (self.met >= first).all(axis=1)
+        pairs, found = self.met[later] - first + 1, self.known[later]
         bases = np.concatenate([T_map_rest[None], self.bases[first:]])
         to_view = np.concatenate([np.eye(3)[None], adjoint(inverse(self.T_base_view))[first:]])
         found = np.swapaxes(to_view[pairs[:, 0]], 1, 2) @ found @ to_view[pairs[:, 1]]
@@ -111,7 +128,9 @@ class SurfaceInformation:
     def _joined(self) -> Joined:
         count = len(self.poses)
         ends = np.stack([np.arange(count - 1), np.arange(1, count)], axis=1)
-        seen = (self.panels, self.values, self.pairs)
+        system = empty_system(self.panels)
+        add_blocks(self.panels, system, self.met - 1, self.known)
+        seen = (self.panels, system, self.pairs)
         steps = (
             np.concatenate([ends, self.closures[0]]),
             np.concatenate([self.drift, self.closures[1]]),
