@@ -1,17 +1,21 @@
 """Draws from the inverse of a large sparse information matrix.
 
-With the Cholesky factor A = C C', the solution of A x = C z for normal z has covariance A^-1. The
-factor is SuperLU's, without pivoting: A = L D L'.
+With the Cholesky factor A = L L', the solution of L' x = z for normal z has covariance A^-1. It is
+the factor of SLAM's systems: SuperLU holds both halves of it, and copies both to show one.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from scipy.sparse import coo_array, csc_array, csr_array
-from scipy.sparse.linalg import splu
 
 from slamsim.core.types import FloatArray, IntArray
-from slamsim.guard.numbers import NoSolution, solving
+from slamsim.guard.numbers import NoSolution
+from slamsim.models.blocks import factorise
+from slamsim.models.supernodes import add_blocks, empty_system, make_panels
+
+TILE = 3
+"""Rows and columns of a block of these systems, whatever its unknowns."""
 
 
 class Blocks:
@@ -58,15 +62,32 @@ def draws(information: csc_array, count: int, rng: np.random.Generator) -> Float
 
     Raises NoSolution unless it is positive definite.
     """
-    with solving("a bound"):
-        factor = splu(
-            information.tocsc(),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
-    diagonal = factor.U.diagonal()
-    if not (np.array_equal(factor.perm_r, factor.perm_c) and np.all(diagonal > 0.0)):
-        raise NoSolution("the information matrix is not positive definite")
-    normal = np.sqrt(diagonal)[:, None] * rng.standard_normal((diagonal.size, count))
-    return np.asarray(factor.solve(np.ascontiguousarray((factor.L @ normal)[factor.perm_r])))
+    size = information.shape[0]
+    normal = np.zeros((size + -size % TILE, count))
+    normal[:size] = rng.standard_normal((size, count))
+    pairs, blocks = _tiles(information)
+    unknowns = np.arange(len(normal) // TILE)
+    panels = make_panels(pairs[pairs[:, 0] != pairs[:, 1]], len(unknowns))
+    system = empty_system(panels)
+    add_blocks(panels, system, pairs, blocks)
+    try:
+        factor = factorise(panels, system, unknowns)
+    except NoSolution as refusal:
+        raise NoSolution("the information matrix is not positive definite") from refusal
+    return factor.inverse_root(normal)[:size]
+
+
+def _tiles(information: csc_array) -> tuple[IntArray, FloatArray]:
+    """The lower half in blocks of 3 x 3, filled up with ones on the diagonal: (m, 2) row and
+    column of each, and (m, 3, 3)."""
+    size = information.shape[0]
+    added = np.arange(size, size + -size % TILE)
+    entries = information.tocoo()
+    rows, columns = np.append(entries.row, added), np.append(entries.col, added)
+    values = np.append(entries.data, np.ones(added.size))
+    whole = (size + added.size,) * 2
+    tiled = csr_array((values, (rows, columns)), shape=whole).tobsr((TILE, TILE))
+    of_rows = np.repeat(np.arange(len(tiled.indptr) - 1), np.diff(tiled.indptr))
+    lower = of_rows >= tiled.indices
+    pairs = np.stack([of_rows[lower], tiled.indices[lower]], axis=1).astype(np.int64)
+    return pairs, np.asarray(tiled.data[lower], np.float64)

@@ -36,6 +36,16 @@ class BlockFactor:
         _substitute(self.panels, self.values, solution)
         return np.asarray(solution.reshape(-1, 3)[place])
 
+    def inverse_root(self, right: FloatArray) -> FloatArray:
+        """(3 count, k) product of a square root of the inverse, L^-T, with ``right`` (3 count, k),
+        both in the order of unknowns: of independent numbers it makes draws with the inverse as
+        their covariance."""
+        rows = (3 * self.panels.place[:-1, None] + np.arange(3)).ravel()
+        solved = np.empty_like(right)
+        solved[rows] = right
+        _substitute_back(self.panels, self.values, solved)
+        return np.asarray(solved[rows])
+
     def inverse_diagonal(self) -> FloatArray:
         """(count, 3, 3) diagonal blocks of the inverse, in the order of unknowns.
 
@@ -240,6 +250,22 @@ def _subtract_below(
                     x[begin + k] -= reach[3 * r + i, k] * x[below]
                 else:
                     x[below] -= reach[3 * r + i, k] * x[begin + k]
+
+
+@kernel
+def _substitute_back(panels: Panels, values: FloatArray, x: FloatArray) -> None:
+    """Solve L^T x = x in place for many columns at once; x: (3 count, k)."""
+    for panel in range(panels.first.size - 2, -1, -1):
+        begin, end = 3 * panels.first[panel], 3 * panels.first[panel + 1]
+        width = end - begin
+        whole = values[panels.offsets[panel] : panels.offsets[panel + 1]].reshape((-1, width))
+        rows = panels.below[panels.starts[panel] : panels.starts[panel + 1]]
+        own, under = x[begin:end].copy(), np.empty((3 * rows.size, x.shape[1]))
+        for r in range(rows.size):
+            under[3 * r : 3 * r + 3] = x[3 * rows[r] : 3 * rows[r] + 3]
+        if rows.size > 0:
+            own -= times(whole[width:].T.copy(), under)
+        x[begin:end] = times(whole[:width].T.copy(), own)
 
 
 @kernel
