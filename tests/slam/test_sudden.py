@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from simulated import box, labyrinth, true_ranges
@@ -10,6 +11,7 @@ from simulated import box, labyrinth, true_ranges
 from slamsim.core.types import Cloud, FloatArray, PlanarTrajectory, ScanGeometry
 from slamsim.slam.frontend.kidnap_detection import (
     STRANGE_SHARE,
+    SUDDEN_NS,
     Sighting,
     Surroundings,
     contradiction,
@@ -118,3 +120,25 @@ def test_a_scan_that_fits_the_map_from_another_guess_was_not_carried() -> None:
     turned = HERE + np.array([0.0, 0.0, 0.7])
     for stamp_ns in (10**8, 2 * 10**8):
         assert not around.left(seen(turned, ROOM, stamp_ns).cloud, HERE, (turned,))
+
+
+@pytest.mark.parametrize(("interval_s", "noticed"), [(0.2, False), (0.45, True)])
+def test_a_lost_scan_is_no_long_time_where_scans_come_seldom(
+    interval_s: float, noticed: bool
+) -> None:
+    """1.1 s are more than five scans of one lidar, and one lost scan of another."""
+    around, interval_ns = Surroundings(), round(interval_s * 1e9)
+    for number in range(30):
+        around.placed(seen(HERE, ROOM, stamp_ns=number * interval_ns).cloud, HERE)
+    last_ns = 29 * interval_ns
+    stamps_ns = (last_ns + 11 * 10**8, last_ns + 11 * 10**8 + interval_ns)
+    strange = [seen(HERE, OTHER_ROOM, stamp_ns=at).cloud for at in stamps_ns]
+    assert [around.left(one, HERE, ()) for one in strange] == [False, noticed]
+
+
+def test_a_long_pause_does_not_make_the_next_one_short() -> None:
+    around = Surroundings()
+    for number in range(40):
+        pause_ns = 60 * 10**9 * (number > 30)
+        around.placed(seen(HERE, ROOM, stamp_ns=number * 10**8 + pause_ns).cloud, HERE)
+    assert around.sudden_ns == SUDDEN_NS

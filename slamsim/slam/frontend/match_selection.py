@@ -9,7 +9,7 @@ import numpy as np
 
 from slamsim.core.geometry import between
 from slamsim.core.types import Cloud, FloatArray
-from slamsim.slam.frontend.kidnap_detection import SUDDEN_NS, Surroundings
+from slamsim.slam.frontend.kidnap_detection import Surroundings
 from slamsim.slam.frontend.prediction import Prediction
 from slamsim.slam.matching import Match, Matcher
 
@@ -127,7 +127,7 @@ class Placer:
         return jumped or self._sudden(self.lost[0])
 
     def _sudden(self, prediction: Prediction) -> bool:
-        return prediction.stamp_ns - self._placed_ns < SUDDEN_NS
+        return prediction.stamp_ns - self._placed_ns < self._surroundings.sudden_ns
 
     def _reachable(self, match: Match, prediction: Prediction, guesses: list[FloatArray]) -> bool:
         """Whether the robot can have come to a match, be the wheels as wrong as they may be."""
