@@ -179,6 +179,29 @@ def test_a_closure_too_loose_for_common_surfaces_still_holds() -> None:
     np.testing.assert_allclose(sigmas, [0.1, 0.1, 0.02], rtol=0.15)
 
 
+@pytest.mark.parametrize(("sigma_m", "may"), [(10.0, True), (0.3, False)])
+def test_only_parts_between_which_the_robot_was_carried_may_move_apart(
+    sigma_m: float, may: bool
+) -> None:
+    one, half = scene(9), 4
+    odometry, edges = list(one.odometry), list(one.edges)
+    T = compose(odometry[half - 1].T_source_target, np.array([0.9, 0.0, 0.0]))
+    covariance = np.diag([sigma_m**2, sigma_m**2, 0.1])
+    odometry[half - 1] = GraphEdge(half - 1, half, T, covariance, "odometry")
+    edges[half - 1] = odometry[half - 1]
+    if not may:
+        with pytest.raises(NotRefined, match="moved neighbouring"):
+            refine(one.views, one.truth, odometry, NOISE_M, edges)
+        return
+    result = refine(one.views, one.truth, odometry, NOISE_M, edges)
+    step = between(result.poses[half - 1], result.poses[half])
+    assert np.hypot(*(step - between(*one.truth[half - 1 : half + 1]))[:2]) > 0.5
+    for part in (slice(0, half), slice(half, None)):
+        apart = between(result.poses[part][0], result.poses[part])
+        true = between(one.truth[part][0], one.truth[part])
+        assert np.abs((apart - true)[:, :2]).max() < 0.01
+
+
 def test_views_without_a_common_surface_are_left_alone() -> None:
     one = scene(7)
     empty = [np.zeros((0, PIECE_FIELDS), dtype=np.float32)] * len(one.views)

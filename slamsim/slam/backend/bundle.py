@@ -137,7 +137,9 @@ class _Bundle:
         self._targets = np.array([edge.target for edge in edges])
         self._measured = np.array([edge.T_source_target for edge in edges])
         weights = np.array([edge.weight for edge in edges])[:, None, None]
-        self._believed = np.asarray(weights * np.linalg.inv(edge_covariances(edges)), np.float64)
+        covariances = edge_covariances(edges)
+        self._believed = np.asarray(weights * np.linalg.inv(covariances), np.float64)
+        self._driven = covariances[:count, [0, 1], [0, 1]].sum(axis=1) <= MAX_BEND_M**2
         self._least = np.where((np.arange(len(edges)) < count)[:, None, None], LEAST_KNOWN, 0.0)
         self._ends = self._number[np.stack([self._sources, self._targets], axis=1)]
         self._pairs = shared.pairs()
@@ -181,13 +183,19 @@ class _Bundle:
         return SurfaceInformation.of(of_surfaces, drift, closures, poses, np.zeros_like(poses))
 
     def check(self, before: FloatArray, after: FloatArray) -> None:
-        """Raise NotRefined unless the poses became more likely without being torn about."""
+        """Raise NotRefined unless the poses became more likely without being torn about.
+
+        Where nothing tells how the robot came to a key frame, parts may move against each other.
+        """
         was, now = self._cost(before), self._cost(after)
         if not now <= was:
             raise NotRefined(
                 f"the refinement made the map less likely: cost {was:.6g} to {now:.6g}"
             )
         bent = between(between(before[:-1], before[1:]), between(after[:-1], after[1:]))
+        bent = bent[self._held - 1 :][self._driven]
+        if not len(bent):
+            return
         bent_m, bent_rad = np.hypot(bent[:, 0], bent[:, 1]).max(), np.abs(bent[:, 2]).max()
         if not (bent_m <= MAX_BEND_M and bent_rad <= MAX_BEND_RAD):
             raise NotRefined(
