@@ -6,7 +6,6 @@ The optical frame is z forward, x right, y down (REP 103). The middle of the fir
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -14,7 +13,7 @@ import numpy as np
 
 from slamsim.cameras.distortion import BrownConrady, Distortion, KannalaBrandt
 from slamsim.core.types import BoolArray, FloatArray
-from slamsim.guard.errors import shown
+from slamsim.guard.errors import did_you_mean, shown
 from slamsim.guard.numbers import BadNumbers, require_finite, require_number, require_whole
 
 COEFFICIENTS: Mapping[str, int] = {"plumb_bob": 5, "rational_polynomial": 8, "equidistant": 4}
@@ -173,8 +172,7 @@ def camera_matrix(text: str) -> FloatArray:
 def _coefficient_count(model: str) -> int:
     if model not in COEFFICIENTS:
         known = ", ".join(COEFFICIENTS)
-        near = difflib.get_close_matches(str(model), COEFFICIENTS, 1)
-        meant = f"; did you mean {near[0]!r}?" if near else ""
+        meant = did_you_mean(model, COEFFICIENTS)
         raise BadNumbers(f"the distortion model {shown(model)} is not one of {known}{meant}")
     return COEFFICIENTS[model]
 

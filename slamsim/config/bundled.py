@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from pathlib import Path
 from typing import Literal
 
-from slamsim.guard.errors import InputRefused, NotFound, shown
+from slamsim.guard.errors import InputRefused, NotFound, nearest_name, shown
 
 Kind = Literal[
     "worlds",
@@ -80,9 +79,9 @@ def _missing(kind: Kind, name_or_path: str, path: Path) -> str:
     siblings = []
     if path.parent.is_dir():
         siblings = [other.name for other in path.parent.iterdir() if other.is_file()]
-    if near := _nearest(path.stem, names):
+    if near := nearest_name(path.stem, names):
         hint = f"did you mean the bundled {near!r}?"
-    elif near := _nearest(path.name, siblings):
+    elif near := nearest_name(path.name, siblings):
         hint = f"did you mean {str(path.parent / near)!r}?"
     else:
         hint = ""
@@ -92,7 +91,3 @@ def _missing(kind: Kind, name_or_path: str, path: Path) -> str:
     word = _WORDS[kind]
     text = f"there is no {word} file and no bundled {word} {shown(name_or_path, 200)}"
     return f"{text}; {hint} ({known})" if hint else f"{text}; {known}"
-
-
-def _nearest(name: str, candidates: tuple[str, ...] | list[str]) -> str | None:
-    return next(iter(difflib.get_close_matches(name, candidates, n=1, cutoff=0.6)), None)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from typing import NamedTuple
 
 from pydantic import BaseModel, ValidationError
@@ -11,7 +10,7 @@ from pydantic_core import ErrorDetails
 from slamsim.config.kinds import missing_kinds
 from slamsim.config.layers import Tree
 from slamsim.config.model_keys import Spot, find_spot, suggest
-from slamsim.guard.errors import SlamsimError, shown
+from slamsim.guard.errors import SlamsimError, did_you_mean, shown
 from slamsim.guard.yaml import KeyPath, key_text
 
 _MAX_TOLD = 5
@@ -121,8 +120,7 @@ def _reason(spot: Spot, detail: ErrorDetails, given: object) -> str:
 
 
 def _choice_reason(spot: Spot, context: dict[str, object], given: object) -> str:
-    near = spot.nearest_choice(given)
-    meant = f"; did you mean {near!r}?" if near else ""
+    meant = spot.meant_choice(given)
     if spot.keys[-1:] == ("type",):
         meant += _left_out()
     return f"must be {spot.choices_text() or context.get('expected')}, not {_given(given)}{meant}"
@@ -131,8 +129,7 @@ def _choice_reason(spot: Spot, context: dict[str, object], given: object) -> str
 def _tag_reason(context: dict[str, object]) -> str:
     """Of an entry whose ``type`` is none of the kinds that there are."""
     tag, kinds = str(context["tag"]), str(context["expected_tags"]).replace("'", "").split(", ")
-    near = difflib.get_close_matches(tag, kinds, n=1)
-    meant = f"; did you mean {near[0]!r}?" if near else ""
+    meant = did_you_mean(tag, kinds)
     name = str(context["discriminator"]).strip("'")
     return f"there is no {name} {shown(tag)}, only {', '.join(kinds)}{meant}{_left_out()}"
 

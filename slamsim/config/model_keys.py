@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from slamsim.guard.errors import shown
+from slamsim.guard.errors import did_you_mean, shown
 from slamsim.guard.yaml import KeyPath, key_text
 
 _UNIONS = (Union, types.UnionType)
@@ -66,11 +66,9 @@ class Spot:
             return tuple(member.value for member in annotation)
         return get_args(annotation) if get_origin(annotation) is Literal else ()
 
-    def nearest_choice(self, given: object) -> str:
-        """The choice that was probably meant, or an empty text."""
-        names = [str(choice) for choice in self.choices]
-        near = difflib.get_close_matches(str(given), names, n=1, cutoff=_PERHAPS_HERE)
-        return near[0] if near else ""
+    def meant_choice(self, given: object) -> str:
+        """Which choice was probably meant, as the end of a sentence, or an empty text."""
+        return did_you_mean(given, map(str, self.choices), _PERHAPS_HERE)
 
 
 def find_spot(root: type[BaseModel], loc: tuple[int | str, ...], data: object) -> Spot:

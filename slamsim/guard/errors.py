@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
 from pathlib import Path
 
 LONGEST_PLACE = 200
@@ -22,6 +24,18 @@ def printable(text: str) -> str:
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
+def nearest_name(given: object, known: Iterable[str], cutoff: float = 0.6) -> str:
+    """The known name most similar to the given one; empty if none is as similar as the cutoff,
+    the ratio of ``difflib.SequenceMatcher``, whose usual one is 0.6."""
+    return next(iter(difflib.get_close_matches(str(given), list(known), 1, cutoff)), "")
+
+
+def did_you_mean(given: object, known: Iterable[str], cutoff: float = 0.6) -> str:
+    """The end of a sentence about an unknown name: ``; did you mean 'x'?``, or nothing."""
+    near = nearest_name(given, known, cutoff)
+    return f"; did you mean {near!r}?" if near else ""
 
 
 class SlamsimError(Exception):

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from slamsim.guard.errors import OverrideRefused, shown
+from slamsim.guard.errors import OverrideRefused, nearest_name, shown
 from slamsim.recording import RawImu, RawOdometry, RawScans, RawStream, Recording
 from slamsim.recording.choice import holds, ranked, topics_of
 from slamsim.recording.frame_graph import FrameGraph
@@ -75,7 +74,7 @@ def _found(
     listing = ", ".join(right[:9])
     if meant:
         raise OverrideRefused(asked, f"holds {meant[0][1]}, {needed} is needed, as on {listing}")
-    near = difflib.get_close_matches(wanted, right, 1, 0.0)[0]
+    near = nearest_name(wanted, right, 0.0)
     reason = f"{path} has no such topic; the nearest of {needed} is {near}"
     raise OverrideRefused(asked, reason if len(right) == 1 else f"{reason}, of {listing}")
 

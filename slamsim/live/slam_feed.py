@@ -52,8 +52,11 @@ class SlamFeed:
         for stream in streams:
             if len(stream):
                 self._keep(stream)
-        while self._waiting and self._ready(end_ns := self._waiting[0].span_ns[1]):
+        while self._waiting:
+            end_ns = self._waiting[0].span_ns[1]
             rolled_ns = self._rolled_ns(end_ns)
+            if not self._ready(end_ns, rolled_ns):
+                break
             odometry, ticks = self._odometry.until(end_ns), self._ticks.until(end_ns)
             motion = MotionSamples(odometry, ticks, self._imu.until(rolled_ns))
             yield self._waiting.popleft(), motion
@@ -81,11 +84,10 @@ class SlamFeed:
         rows = rows[_rising(np.concatenate([[last_ns], raw.stamps_ns[rows]]))[1:]]
         return RecordedScans(raw, rows, raw.stamps_ns[rows], self._limit)
 
-    def _ready(self, end_ns: int) -> bool:
+    def _ready(self, end_ns: int, rolled_ns: int) -> bool:
         if max(self._newest_ns.values()) - end_ns > PATIENCE_NS:
             return True
         motions_ns = [ns for kind, ns in self._newest_ns.items() if kind is not RawScans]
-        rolled_ns = self._rolled_ns(end_ns)
         covered = bool(motions_ns) and min(motions_ns) >= end_ns
         return covered and self._newest_ns.get(RawImu, rolled_ns) >= rolled_ns
 

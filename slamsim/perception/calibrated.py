@@ -144,20 +144,13 @@ def _errors(
     sigma = {str(name): float(value) for name, value in dict(entry.get("sigma", {})).items()}
     if not all(0.0 <= value < math.inf for value in sigma.values()):
         raise ValueError(f"sigma has numbers that are no standard deviations: {sigma}")
-    told: dict[str, float] = dict(sigma) if timed else {}
+    told = {name: sigma[name] for name in ("late_s", "readout_s") if timed and name in sigma}
     if placed and {"x_m", "y_m", "yaw_deg"} <= sigma.keys():
         told["place_m"] = max(sigma["x_m"], sigma["y_m"])
         told["yaw_rad"] = math.radians(sigma["yaw_deg"])
     if model is not None and "focal_px" in sigma:
         told["scale"] = sigma["focal_px"] / float(model.focal_px.mean())
-    told = {name: max(value, LEAST_SIGMA) for name, value in told.items()}
-    return CameraErrors(
-        place_m=told.get("place_m", AS_CLAIMED.place_m),
-        yaw_rad=told.get("yaw_rad", AS_CLAIMED.yaw_rad),
-        late_s=told.get("late_s", AS_CLAIMED.late_s),
-        readout_s=told.get("readout_s", AS_CLAIMED.readout_s),
-        scale=told.get("scale", AS_CLAIMED.scale),
-    )
+    return replace(AS_CLAIMED, **{name: max(value, LEAST_SIGMA) for name, value in told.items()})
 
 
 def _mount(told: Mapping[str, Any]) -> FloatArray:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import dataclass
 
-from slamsim.guard.errors import SlamsimError, shown
+from slamsim.guard.errors import SlamsimError, did_you_mean, shown
 
 _ARUCO_COUNTS = (50, 100, 250, 1000)
 FAMILIES: dict[str, str] = {
@@ -38,8 +37,7 @@ class TagKind:
 
     def __post_init__(self) -> None:
         if self.family not in FAMILIES:
-            near = difflib.get_close_matches(self.family.lower(), FAMILIES, 1, cutoff=0.3)
-            meant = f"; did you mean {near[0]!r}?" if near else ""
+            meant = did_you_mean(self.family.lower(), FAMILIES, 0.3)
             known = ", ".join(FAMILIES)
             raise UnknownTags(
                 f"{shown(self.family)} is no family of tags{meant}; known are {known}"

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from slamsim.core.arrays import FloatArray, IntArray
 from slamsim.core.geometry import wrap_angle, xyzw_from_matrix
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawScans, ScanLayout, TransformEdge
 from slamsim.recording.row_store import RowStore
 from slamsim.recording.sweeps import Points, Sweep, sweep_of

@@ -3,7 +3,6 @@ outline."""
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ import numpy as np
 
 from slamsim.core.geometry import matrix_from_xyzw, se3_from_parts
 from slamsim.core.types import FloatArray
+from slamsim.guard.errors import nearest_name
 from slamsim.guard.numbers import is_sound
 from slamsim.recording import TransformEdge
 from slamsim.recording.frames import BASE_FRAMES, unqualified
@@ -44,7 +44,7 @@ class FrameGraph:
 
     def nearest(self, frame: str) -> str:
         """The known frame with the most similar name, empty if none is."""
-        return next(iter(difflib.get_close_matches(frame, sorted(self._neighbours), 1, 0.5)), "")
+        return nearest_name(frame, sorted(self._neighbours), 0.5)
 
     def reached(self, frame: str) -> set[str]:
         """All frames that transforms join to this one, itself included."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slamsim.core.arrays import BoolArray, FloatArray, IntArray
+from slamsim.core.types import BoolArray, FloatArray, IntArray
 
 _USUAL_PERIOD_S = 0.1
 _INSTANT_S = 1e-6

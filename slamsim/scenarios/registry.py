@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from slamsim.guard.errors import NotFound, shown
+from slamsim.guard.errors import NotFound, did_you_mean, shown
 
 if TYPE_CHECKING:
     from slamsim.config.base import Config
@@ -81,6 +80,5 @@ def find_entries(name: str) -> tuple[Entry, ...]:
         if entry.name == wanted:
             return (entry,)
     names = [*(entry.name for entry in ENTRIES), ALL]
-    near = difflib.get_close_matches(wanted, names, n=1)
-    meant = f"; did you mean {near[0]!r}?" if near else ""
+    meant = did_you_mean(wanted, names)
     raise NotFound(f"there is no scenario {shown(name)}{meant} ({', '.join(names)})")

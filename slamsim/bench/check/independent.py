@@ -5,7 +5,6 @@ It lies in the folder ``tests/independent`` of a checkout, and is no part of the
 
 from __future__ import annotations
 
-import difflib
 import json
 import sys
 import time
@@ -29,7 +28,7 @@ from slamsim.bench.logs import Children
 from slamsim.check.check import check_recording
 from slamsim.check.registry import CHECKER_ERROR
 from slamsim.console.reporter import Reporter
-from slamsim.guard.errors import NotFound, SlamsimError, shown
+from slamsim.guard.errors import NotFound, SlamsimError, nearest_name, shown
 from slamsim.guard.output import write_atomic
 from slamsim.io.open import read_recording
 
@@ -109,9 +108,9 @@ def _jobs(campaign: IndependentCampaign) -> list[list[Any]]:
         )
     except KeyError as error:
         unknown = str(error.args[0])
-        near = difflib.get_close_matches(unknown, generator.fault_names(), n=1, cutoff=0.0)
+        near = nearest_name(unknown, generator.fault_names(), 0.0)
         raise SlamsimError(
-            f"the generator makes no fault {shown(unknown)}; the nearest is {near[0]!r}"
+            f"the generator makes no fault {shown(unknown)}; the nearest is {near!r}"
         ) from None
     drives: dict[int, list[Any]] = {}
     for case in cases:

@@ -3,7 +3,6 @@ says."""
 
 from __future__ import annotations
 
-import difflib
 import itertools
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -19,7 +18,7 @@ from slamsim.check.findings import CheckReport, Finding
 from slamsim.check.registry import registry
 from slamsim.check.wording import JSON_VERDICTS
 from slamsim.core.randomness import random_stream
-from slamsim.guard.errors import SlamsimError, shown
+from slamsim.guard.errors import SlamsimError, did_you_mean, shown
 from slamsim.io.open import read_recording
 from slamsim.recording import Recording
 from slamsim.recording.edits.base import CannotEdit
@@ -180,11 +179,9 @@ def require_known_names(faults: Sequence[Fault]) -> None:
     for fault in faults:
         for name in (fault.expects, *fault.also, *fault.hides):
             if name not in known:
-                near = difflib.get_close_matches(name, known, n=1)
-                hint = f"; did you mean {near[0]!r}?" if near else ""
                 raise SlamsimError(
                     f"the fault {fault.name} expects {shown(name)}, "
-                    f"which the checker cannot report{hint}"
+                    f"which the checker cannot report{did_you_mean(name, known)}"
                 )
 
 

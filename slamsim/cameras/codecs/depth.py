@@ -81,14 +81,12 @@ def encode_compressed_depth(
     return f"{kind}; compressedDepth {codec}", head + encode_depth(words, codec)
 
 
-def decode_compressed_depth(
-    told: str, data: bytes, limits: Limits = LIMITS
-) -> DepthImage | Float32Array:
+def decode_compressed_depth(told: str, data: bytes) -> DepthImage | Float32Array:
     """The image of a CompressedImage with the format ``told``: uint16 as it was, or float32 metres
     with nan for none.
 
     Formats of before 2021 end in ``compressedDepth`` and mean PNG. Raises ValueError for another
-    format or what is damaged, Excessive beyond ``limits``.
+    format or what is damaged, Excessive beyond ``LIMITS``.
     """
     kind, _, rest = told.partition(";")
     words = rest.split()
@@ -103,7 +101,7 @@ def decode_compressed_depth(
     if len(data) <= _TRANSPORT.size:
         raise ValueError("the compressedDepth image is cut off in its head of 12 bytes")
     _, quotient, shift = _TRANSPORT.unpack_from(data)
-    plain = decode_depth(data[_TRANSPORT.size :], "rvl" if codec == "rvl" else "png", limits)
+    plain = decode_depth(data[_TRANSPORT.size :], "rvl" if codec == "rvl" else "png")
     return plain if kind.strip() == "16UC1" else _of_inverse(plain, quotient, shift)
 
 

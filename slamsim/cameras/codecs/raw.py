@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -11,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slamsim.guard.errors import shown
-from slamsim.guard.limits import LIMITS, Limits
+from slamsim.guard.errors import nearest_name, shown
+from slamsim.guard.limits import LIMITS
 from slamsim.guard.pictures import require_size
 
 Kind = Literal["colour", "grey", "depth"]
@@ -70,10 +69,10 @@ def encoding_of(name: str) -> Encoding:
     if name in ENCODINGS:
         return ENCODINGS[name]
     lower = {known.lower(): known for known in ENCODINGS}
-    near = difflib.get_close_matches(name.lower(), lower, 1)
-    meant = f"; did you mean {lower[near[0]]!r}?" if near else ""
+    near = nearest_name(name.lower(), lower)
+    meant = f"; did you mean {lower[near]!r}?" if near else ""
     known = ", ".join(ENCODINGS)
-    raise ValueError(f"the encoding {shown(name)} is not known{meant} Known are {known}")
+    raise ValueError(f"the encoding {shown(name)} is not known{meant or '.'} Known are {known}")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,15 +87,15 @@ class RawImage:
     data: NDArray[np.uint8]
 
 
-def decode_raw(image: RawImage, limits: Limits = LIMITS) -> tuple[Kind, NDArray[Any]]:
+def decode_raw(image: RawImage) -> tuple[Kind, NDArray[Any]]:
     """Its kind, and the pixels: colour (h, w, 3) uint8 RGB, grey (h, w) uint8, depth (h, w) as
     stored, uint16 millimetres or float32 metres.
 
     Of 16 bits of colour and grey the upper eight are kept. Raises ValueError for an unknown
-    encoding, no pixels or too few bytes, Excessive beyond ``limits``.
+    encoding, no pixels or too few bytes, Excessive beyond ``LIMITS``.
     """
     encoding = encoding_of(image.encoding)
-    stored = _stored(image, encoding, limits)
+    stored = _stored(image, encoding)
     if encoding.kind == "depth":
         return "depth", stored
     pixels = (stored >> 8).astype(np.uint8) if stored.dtype == np.uint16 else stored
@@ -105,11 +104,11 @@ def decode_raw(image: RawImage, limits: Limits = LIMITS) -> tuple[Kind, NDArray[
     return encoding.kind, np.ascontiguousarray(pixels)
 
 
-def _stored(image: RawImage, encoding: Encoding, limits: Limits) -> NDArray[Any]:
+def _stored(image: RawImage, encoding: Encoding) -> NDArray[Any]:
     """(h, w) or (h, w, channels) in the byte order of this machine."""
     order = ">" if image.is_bigendian else "<"
     dtype, channels = np.dtype(order + encoding.dtype), encoding.channels
-    require_size(image.width, image.height, channels * dtype.itemsize, limits)
+    require_size(image.width, image.height, channels * dtype.itemsize, LIMITS)
     rows, used = image.height, image.width * channels * dtype.itemsize
     if image.row_bytes < used:
         reason = f"rows of {image.row_bytes:,} bytes cannot hold {image.width} pixels of"

@@ -7,7 +7,6 @@ from one number between 0 and 1, by the inverse of the distribution function.
 
 from __future__ import annotations
 
-import difflib
 import math
 from abc import ABC, abstractmethod
 from bisect import bisect_right
@@ -18,7 +17,7 @@ from typing import Annotated, Any, Self
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from slamsim.config.base import Config
-from slamsim.guard.errors import shown
+from slamsim.guard.errors import did_you_mean, shown
 from slamsim.guard.numbers import MOST_COUNT, MOST_NS
 
 DIGITS = 6
@@ -220,9 +219,8 @@ def as_distribution(given: object) -> object:
         raise ValueError(f"one distribution stands here, not {' and '.join(several)}")
     if kind_of(given) is None:
         key = str(next(iter(given), ""))
-        near = difflib.get_close_matches(key, KINDS, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else f"one of {', '.join(KINDS)} is needed"
-        raise ValueError(f"there is no distribution {shown(key)}; {hint}")
+        hint = did_you_mean(key, KINDS) or f"; one of {', '.join(KINDS)} is needed"
+        raise ValueError(f"there is no distribution {shown(key)}{hint}")
     return given
 
 

@@ -179,9 +179,9 @@ def _hashes(db: sqlite3.Connection) -> dict[str, str]:
     return {type_name: text for type_name, text in rows if isinstance(text, str)}
 
 
-def unpacked_message(data: bytes, limits: Limits = LIMITS) -> bytes:
+def unpacked_message(data: bytes) -> bytes:
     """A message that was compressed by itself; raises Excessive, and what zstandard raises."""
-    most = limits.bag_record_bytes
+    most = LIMITS.bag_record_bytes
     with zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True) as reader:
         content = reader.read(most + 1)
     if len(content) > most:

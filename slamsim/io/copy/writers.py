@@ -41,11 +41,11 @@ Message = tuple[int, int, int, int, bytes]
 
 
 class Spool:
-    """What grows beyond the limit goes to an unnamed file; the caller closes."""
+    """What grows beyond ``IN_MEMORY_BYTES`` goes to an unnamed file; the caller closes."""
 
-    def __init__(self, limit_bytes: int = IN_MEMORY_BYTES) -> None:
-        folder = large_files_folder()
-        self._file = tempfile.SpooledTemporaryFile(max_size=limit_bytes, dir=str(folder))  # noqa: SIM115
+    def __init__(self) -> None:
+        folder = str(large_files_folder())
+        self._file = tempfile.SpooledTemporaryFile(max_size=IN_MEMORY_BYTES, dir=folder)  # noqa: SIM115
         self._heads: list[tuple[int, int, int, int, int]] = []
 
     def close(self) -> None:

@@ -19,7 +19,7 @@ from slamsim.cameras.codecs.depth import DEPTH_HEAD_BYTES, decode_compressed_dep
 from slamsim.cameras.codecs.pictures import decode_picture, encode_png
 from slamsim.cameras.codecs.planes import pack_planes, unpack_planes
 from slamsim.cameras.frames import metres
-from slamsim.guard.limits import LIMITS, Limits
+from slamsim.guard.limits import LIMITS
 from slamsim.guard.pictures import require_size
 from slamsim.io.parquet.file import Cells, Column, ParquetFile
 from slamsim.io.ros.images import info_topic
@@ -103,25 +103,23 @@ def table_of(topic: str) -> str:
     return f"{folder}/{'_'.join(words)}.parquet"
 
 
-def pixels_of(
-    encoding: str, data: bytes, size: tuple[int, int], limits: Limits = LIMITS
-) -> NDArray[Any]:
+def pixels_of(encoding: str, data: bytes, size: tuple[int, int]) -> NDArray[Any]:
     """The image in a row: colour (h, w, 3) uint8 RGB, grey (h, w) uint8, depth (h, w) float32
     metres with nan for none, other truth as it is.
 
     size: (width, height) as the table says. Raises ValueError for what is damaged or of another
-    size, Excessive beyond ``limits``.
+    size, Excessive beyond ``LIMITS``.
     """
     kind = encoding.partition(";")[0]
     if encoding.endswith(_PLANES):
         dtype, channels = _stored_as(kind)
-        require_size(*size, channels * np.dtype(dtype).itemsize, limits)
+        require_size(*size, channels * np.dtype(dtype).itemsize, LIMITS)
         shape = (size[1], size[0], channels) if channels > 1 else (size[1], size[0])
         pixels = unpack_planes(data, shape, dtype)
     elif "compressedDepth" in encoding:
-        pixels = decode_compressed_depth(encoding, data, limits)
+        pixels = decode_compressed_depth(encoding, data)
     else:
-        pixels = decode_picture(data, limits)
+        pixels = decode_picture(data)
     if pixels.shape[1::-1] != size:
         told = "{1} x {0}, while its table says {2} x {3}"
         raise ValueError(f"an image is {told.format(*pixels.shape[:2], *size)}")

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from slamsim.core.arrays import FloatArray, IntArray
 from slamsim.core.geometry import wrap_angle
-from slamsim.core.types import PlanarTrajectory, ScanSource
+from slamsim.core.types import FloatArray, IntArray, PlanarTrajectory, ScanSource
 from slamsim.guard.errors import InputRefused
 from slamsim.recording import RawOdometry, RawScans
 from slamsim.recording.cleaning.rising_stamps import NoTime, Times, is_late, rising_times

@@ -7,8 +7,16 @@ from typing import TypeVar
 
 import numpy as np
 
-from slamsim.core.arrays import BoolArray, FloatArray, IntArray
-from slamsim.core.types import EncoderStream, ImuStream, Log, PlanarTrajectory, ScanSource
+from slamsim.core.types import (
+    BoolArray,
+    EncoderStream,
+    FloatArray,
+    ImuStream,
+    IntArray,
+    Log,
+    PlanarTrajectory,
+    ScanSource,
+)
 from slamsim.guard.errors import InputRefused, OverrideRefused
 from slamsim.recording import (
     RawImu,

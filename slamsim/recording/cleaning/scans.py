@@ -9,8 +9,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from slamsim.core.arrays import BoolArray, Float32Array, FloatArray, IntArray
-from slamsim.core.types import PlanarTrajectory, Scan, ScanBeside, ScanGeometry
+from slamsim.core.types import (
+    BoolArray,
+    Float32Array,
+    FloatArray,
+    IntArray,
+    PlanarTrajectory,
+    Scan,
+    ScanBeside,
+    ScanGeometry,
+)
 from slamsim.guard.numbers import MOST, BadNumbers
 from slamsim.recording import RawScans, ScanLayout
 from slamsim.recording.cleaning.no_return import AS_DECLARED, RangeLimit, RangeSample

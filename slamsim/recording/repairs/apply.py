@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from difflib import get_close_matches
 from math import inf, log
 
-from slamsim.guard.errors import SlamsimError, shown
+from slamsim.guard.errors import SlamsimError, did_you_mean, shown
 from slamsim.recording import Recording
 from slamsim.recording.edits.stamps import clock_of
 from slamsim.recording.repairs import cameras, frames, readings, scans, stamps, wheels
@@ -225,8 +224,7 @@ def _log(factor: float) -> float:
 
 
 def _unknown(name: str, repairs: Sequence[Repair]) -> str:
-    near = get_close_matches(name, OPERATIONS, 1, 0.4)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
+    hint = did_you_mean(name, OPERATIONS, 0.4)
     here = ", ".join(dict.fromkeys(repair.operation for repair in repairs))
     offer = f" The check proposes: {here}." if here else ""
     return f"{shown(name)} is not a repair{hint}{offer}"

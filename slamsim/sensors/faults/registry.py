@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
 from functools import cache, partial
 from pathlib import Path
@@ -13,7 +12,7 @@ from slamsim.config.faults import FaultChoice
 from slamsim.config.loading import load_model
 from slamsim.config.sensors import SensorsConfig
 from slamsim.core.randomness import random_stream
-from slamsim.guard.errors import InputRefused, shown
+from slamsim.guard.errors import InputRefused, did_you_mean, shown
 from slamsim.guard.plugins import kinds_in, left_out
 from slamsim.guard.yaml import load_yaml
 from slamsim.recording import Recording
@@ -69,12 +68,11 @@ def _kind_of(path: Path) -> type[Fault]:
         raise InputRefused(path, f"the key 'kind' is missing; it is one of {', '.join(known)}")
     kind = data["kind"]
     if not isinstance(kind, str) or kind not in known:
-        near = difflib.get_close_matches(str(kind), known, n=1)
-        hint = f"did you mean {near[0]!r}?" if near else f"the kinds are {', '.join(known)}"
+        hint = did_you_mean(kind, known) or f"; the kinds are {', '.join(known)}"
         missing = left_out(_PACKAGE)
         hint += f"; {missing}" if missing else ""
         line = document.line_of(("kind",))
-        raise InputRefused(path, f"there is no kind {shown(kind)}; {hint}", f"line {line}, kind")
+        raise InputRefused(path, f"there is no kind {shown(kind)}{hint}", f"line {line}, kind")
     return known[kind]
 
 
