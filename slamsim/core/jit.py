@@ -18,8 +18,8 @@ import os
 import pickle
 import shutil
 import tempfile
-from collections.abc import Callable
-from functools import cache
+from collections.abc import Callable, Sequence
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -28,11 +28,13 @@ import numpy as np
 from numba.core import caching as numba_caching
 from numba.core import config as numba_config
 from numba.core import event as numba_event
+from numba.core import types as numba_types
 
 # These modules are half typed: as far as mypy goes, they are not typed at all.
 caching: Any = numba_caching
 config: Any = numba_config
 event: Any = numba_event
+types: Any = numba_types
 
 _log = logging.getLogger(__name__)
 _Function = TypeVar("_Function", bound=Callable[..., Any])
@@ -241,8 +243,19 @@ event.register("numba:compile", _NoCollections())
 
 
 def kernel(function: _Function) -> _Function:
-    """Compile a function of numbers and arrays on its first call, or take it from the cache."""
-    dispatcher: Any = numba.njit(nogil=True, error_model="numpy")(function)
+    """Compile a function of numbers and arrays on its first call, or take it from the cache.
+
+    C never calls it, so that entry is left out.
+    """
+    dispatcher: Any = numba.njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True)(function)
+    dispatcher.get_call_template = partial(_call_template, dispatcher.get_call_template)
     if _cache_folder() is not None:
         dispatcher._cache = _ForgivingCache(function)
     return cast(_Function, dispatcher)
+
+
+def _call_template(template: Callable[..., Any], args: Sequence[Any], kws: dict[str, Any]) -> Any:
+    """How another kernel calls one: a number that its source names is of the type of any other,
+    else numba compiles the same code once for ``at(0)`` and once for ``at(k)``."""
+    plain = {name: types.unliteral(kind) for name, kind in kws.items()}
+    return template(tuple(map(types.unliteral, args)), plain)

@@ -132,9 +132,18 @@ def _factorise(panels: Panels, values: FloatArray) -> int:
             return int(panels.first[panel] + failed // 3)
         if whole.shape[0] > width:
             reach = times(whole[width:], whole[:width].T.copy())
-            whole[width:] = reach
+            _put(reach, whole[width:], 1.0)
             _pass_on(panels, values, panel, reach)
     return -1
+
+
+@kernel
+def _put(values: FloatArray, to: FloatArray, sign: float) -> None:
+    """Of two arrays of one shape, (n, m). Compiled, ``to[:] = values`` brings an error message with
+    it that names both shapes, which takes two seconds."""
+    for i in range(to.shape[0]):
+        for j in range(to.shape[1]):
+            to[i, j] = sign * values[i, j]
 
 
 @kernel
@@ -231,7 +240,8 @@ def _substitute(panels: Panels, values: FloatArray, x: FloatArray) -> None:
                     solved[k] += whole[i, k] * x[begin + i]
                 else:
                     solved[i] += whole[i, k] * x[begin + k]
-        x[begin:end] = solved
+        for i in range(width):
+            x[begin + i] = solved[i]
         if not back:
             _subtract_below(whole[width:], rows, x, (begin, end), back)
 
@@ -281,10 +291,13 @@ def _inverse_diagonal(panels: Panels, values: FloatArray) -> FloatArray:
         span = slice(panels.offsets[panel], panels.offsets[panel + 1])
         found = values[span].reshape((-1, width))
         reach = times(found[width:], found[:width])
-        found[:width] = times(found[:width].T.copy(), found[:width])
+        _put(times(found[:width].T.copy(), found[:width]), found[:width], 1.0)
         if reach.shape[0] > 0:
-            found[width:] = -times(_gathered(panels, values, panel), reach)
-            found[:width] -= times(reach.T.copy(), found[width:])
+            _put(times(_gathered(panels, values, panel), reach), found[width:], -1.0)
+            more = times(reach.T.copy(), found[width:])
+            for i in range(width):
+                for j in range(width):
+                    found[i, j] -= more[i, j]
         for j in range(end - begin):
             for i in range(3):
                 for k in range(3):

@@ -172,7 +172,8 @@ def add_surfaces(seen: Seen, panels: Panels, system: FloatArray) -> None:
         shared = np.zeros((end - begin + kinds, 2, 3))
         who = np.empty(end - begin + kinds, np.int64)
         groups = kinds - 1
-        who[:groups] = seen.unknowns[begin, 1:]
+        for group in range(groups):
+            who[group] = seen.unknowns[begin, 1 + group]
         own = np.zeros(2)
         for k in range(begin, end):
             if groups == kinds - 1 or who[groups - 1] != seen.unknowns[k, 0]:

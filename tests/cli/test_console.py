@@ -65,7 +65,7 @@ def stopped(script: str, name: str) -> subprocess.CompletedProcess[str]:
         check=False,
         capture_output=True,
         text=True,
-        timeout=30,
+        timeout=60,
         preexec_fn=hear_interrupts,
     )
 

@@ -278,7 +278,7 @@ def test_ctrl_c_ends_it_and_the_same_command_goes_on(
         _wait_for_sequences(folder, 4, process)
         workers = workers_of(process.pid)
         end(process.pid, signal.SIGINT)
-        assert process.wait(30) == 130
+        assert process.wait(60) == 130
     assert workers and not any(map(runs, workers))
     assert not list(folder.glob(".slamsim-*"))
     (orders / "5").unlink()

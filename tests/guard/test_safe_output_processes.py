@@ -44,7 +44,7 @@ def test_a_real_file_size_limit_is_a_full_disk(tmp_path: Path) -> None:
     """
     done = subprocess.run(
         [sys.executable, "-c", textwrap.dedent(code), str(tmp_path)],
-        capture_output=True, text=True, check=True, timeout=30,
+        capture_output=True, text=True, check=True, timeout=60,
     )  # fmt: skip
     assert done.stdout.split() == ["75", "75"]
     assert names(tmp_path) == []
@@ -90,7 +90,7 @@ def test_a_killed_process_frees_the_name_and_keeps_the_old_run(
     run_of(final, "old")
     child = holder(final)
     child.send_signal(sent)
-    child.communicate(timeout=10)
+    child.communicate(timeout=60)
     assert child.returncode != 0
     assert (final / "map.pgm").read_text() == "old"
     if sent == signal.SIGINT:

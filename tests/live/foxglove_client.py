@@ -10,7 +10,7 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
 MESSAGE, TIME, SERVICE_RESPONSE = 0x01, 0x02, 0x03
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 
 Told = tuple[str, Any]
 """What a frame from the server is, and what it holds."""

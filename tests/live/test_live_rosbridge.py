@@ -17,6 +17,7 @@ import pytest
 from live_data import grid, hub, scan
 from rosbridge_robot import Robot, ask, call, complaint, serving, subscribe, told
 from served_robot import NotedControls
+from waiting import TIMEOUT_S
 from websockets.exceptions import ConnectionClosedOK
 
 from slamsim.io.ros.message_types import ros2_types
@@ -349,6 +350,6 @@ def test_a_server_that_stops_says_so_and_leaves_its_port() -> None:
             client = open_client.enter_context(robot.connect())
             port = robot.server.port
         with pytest.raises(ConnectionClosedOK, match="going away"):
-            client.recv(timeout=5.0)
+            client.recv(timeout=TIMEOUT_S)
     with RosbridgeServer(hub(), NotedControls(), Access(), port):
         pass

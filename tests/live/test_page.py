@@ -62,7 +62,7 @@ def opened(server: PageServer, **options: Any) -> ClientConnection:
 
 
 def fetched(server: PageServer, path: str, **headers: str) -> tuple[int, dict[str, str], bytes]:
-    connection = http.client.HTTPConnection("127.0.0.1", port_of(server), timeout=20)
+    connection = http.client.HTTPConnection("127.0.0.1", port_of(server), timeout=60)
     with contextlib.closing(connection):
         connection.putrequest("GET", path, skip_host="Host" in headers)
         for name, value in headers.items():
@@ -75,7 +75,7 @@ def fetched(server: PageServer, path: str, **headers: str) -> tuple[int, dict[st
 def until(socket: ClientConnection, wanted: Callable[[Any], Any]) -> Any:
     """The first message that is wanted: a dict, with ``body`` of a binary one."""
     while True:
-        message = parsed(socket.recv(timeout=20))
+        message = parsed(socket.recv(timeout=60))
         if wanted(message):
             return message
 
@@ -101,7 +101,7 @@ def test_a_page_gets_state_scan_path_and_map(server: PageServer, robot: FakeRobo
     found: dict[str, Any] = {}
     with opened(server) as page:
         while not {"state", "scan", "path", "map"} <= found.keys() or not found["state"]["pose"]:
-            message = parsed(page.recv(timeout=20))
+            message = parsed(page.recv(timeout=60))
             found[message["type"]] = message
     state, scan, path, grid = (found[kind] for kind in ("state", "scan", "path", "map"))
     cells = np.frombuffer(zlib.decompress(grid["body"]), np.uint8)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import signal
-import time
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from limited_child import running
 from view_example import BOXES_M, GEOMETRY, T_BASE_LASER, Scans, example_run, walls_mesh
+from waiting import TIMEOUT_S, wait_for
 
 from slamsim.core.geometry import compose, matrix_from_rpy, se3_from_parts
 from slamsim.core.result import PoseGraph, SlamResult
@@ -305,20 +306,17 @@ def test_a_browser_is_given_a_page_of_this_machine_until_ctrl_c(recording: Path)
         address = line.split()[1]
         page = fetched(address.split("?")[0])
         process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=20.0) != 0
+        assert process.wait(TIMEOUT_S) != 0
     assert address.startswith("http://127.0.0.1:")
     assert "<html" in page.lower()
     with pytest.raises(OSError, match="refused"):
-        urlopen(address, timeout=5.0)
+        urlopen(address, timeout=TIMEOUT_S)
 
 
 def fetched(address: str) -> str:
-    deadline = time.monotonic() + 30.0
-    while True:
-        try:
-            with urlopen(address, timeout=5.0) as answer:
-                return str(answer.read(2000).decode())
-        except OSError:
-            if time.monotonic() > deadline:
-                raise
-            time.sleep(0.1)
+    def answered() -> str:
+        with suppress(OSError), urlopen(address, timeout=TIMEOUT_S) as answer:
+            return str(answer.read(2000).decode())
+        return ""
+
+    return wait_for(answered)

@@ -90,8 +90,9 @@ def _stay_open(files: int) -> bool:
     """Whether more files than so many are open. Threads of Arrow close theirs after the call that
     reads has ended, which takes a moment where their code has yet to come from the disk."""
     until_s = time.monotonic() + CLOSING_S
-    while _open_files() > files:
+    if _open_files() > files:
         gc.collect()
+    while _open_files() > files:
         if time.monotonic() > until_s:
             return True
         time.sleep(0.01)

@@ -129,7 +129,7 @@ def _wait(child: int, until_s: float) -> int | None:
         time.sleep(0.003)
 
 
-def _reaped(within_s: float = 5.0) -> bool:
+def _reaped(within_s: float = 20.0) -> bool:
     """Whether all that the command started is gone; what is not is killed."""
     end_s = time.monotonic() + within_s
     while True:

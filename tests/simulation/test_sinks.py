@@ -68,7 +68,7 @@ def test_a_viewer_gets_the_bytes_of_the_recording(tmp_path: Path) -> None:
         viewer.start()
         for start_s in (0, 1, 2):
             log.write(readings(start_s, start_s + 1.0), drive(start_s, start_s + 1.0))
-    viewer.join(timeout=30.0)
+    viewer.join(timeout=60.0)
 
     assert not viewer.is_alive()
     store = get_typestore(Stores.ROS2_HUMBLE)

@@ -16,6 +16,7 @@ from slamsim.core.result import GraphEdge
 from slamsim.core.types import BoolArray, Float32Array, FloatArray, IntArray
 from slamsim.slam.backend.views import moved_pieces
 from slamsim.slam.matching.local_map import MERGE_COS, merge_into
+from slamsim.slam.matching.small import put
 from slamsim.slam.matching.surfaces import BEAMS, NORMAL_X, NORMAL_Y, PIECE_FIELDS, X, Y
 
 CELL_M = 0.5
@@ -197,7 +198,7 @@ def _cluster(
                 best, best_off = s, off
         if best < 0:
             best = used
-            merged[used] = pieces[k]
+            put(pieces[k], merged[used])
             used += 1
         else:
             merge_into(pieces[k], merged, best)

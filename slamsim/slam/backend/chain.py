@@ -11,7 +11,7 @@ import numpy as np
 
 from slamsim.core.jit import kernel
 from slamsim.core.types import FloatArray
-from slamsim.slam.matching.small import invert, product, times
+from slamsim.slam.matching.small import invert, product, put, times
 
 MIN_FREE = 10.0
 ANCHOR = 1e-3
@@ -130,7 +130,8 @@ def _eliminate(diagonal: FloatArray, beside: FloatArray, wanted: FloatArray) -> 
     inverse, gain = np.empty((3, 3)), np.empty((3, 3))
     for k in range(count):
         invert(diagonal[k], inverse)
-        diagonal[k] = inverse
+        for i in range(3):
+            put(inverse[i], diagonal[k, i])
         if k + 1 == count:
             break
         product(inverse, beside[k], gain)
@@ -155,7 +156,8 @@ def _substitute(
     """Backwards: the moves of all poses and their covariances."""
     last = inverses.shape[0] - 1
     times(inverses[last], wanted[last], moves[last])
-    covariances[last] = inverses[last]
+    for i in range(3):
+        put(inverses[last, i], covariances[last, i])
     half = np.empty((3, 3))
     for k in range(last - 1, -1, -1):
         times(inverses[k], wanted[k], moves[k])

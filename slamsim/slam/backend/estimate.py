@@ -76,18 +76,22 @@ class Estimate:
         last = len(self._solved) - 1
         solved = np.flatnonzero(earlier <= last)
         if not solved.size:
-            return _along_chain(self.poses, self._chain, earlier, later, np.inf)
+            return self._along_chain(earlier, later)
         since = self._solved[min(last, later)]
         if later > last:
-            since = _along_chain(self.poses, self._chain, np.array([last]), later, np.inf)[0]
+            since = self._along_chain(np.array([last]), later)[0]
         carry = adjoint(between(self._poses[later], self._poses[earlier[solved]]))
         through_last = carry @ self._solved[earlier[solved]] @ np.swapaxes(carry, 1, 2) + since
         bounds = np.trace(through_last, axis1=1, axis2=2)
         enough = bounds.max() if solved.size == earlier.size else np.inf
-        covariances = _along_chain(self.poses, self._chain, earlier, later, enough)
+        covariances = self._along_chain(earlier, later, enough)
         shorter = bounds < np.trace(covariances[solved], axis1=1, axis2=2)
         covariances[solved[shorter]] = through_last[shorter]
         return covariances
+
+    def _along_chain(self, earlier: IntArray, later: int, enough: float = np.inf) -> FloatArray:
+        latest_first = np.argsort(-earlier)
+        return _along_chain(self.poses, self._chain, earlier, latest_first, later, enough)
 
     def covariance(self, earlier: int, later: int) -> FloatArray:
         """(3, 3) of the later key frame relative to the earlier, in the frame of the later."""
@@ -97,21 +101,26 @@ class Estimate:
 
 @kernel
 def _along_chain(
-    poses: FloatArray, chain: FloatArray, earlier: IntArray, later: int, enough: float
+    poses: FloatArray,
+    chain: FloatArray,
+    earlier: IntArray,
+    latest_first: IntArray,
+    later: int,
+    enough: float,
 ) -> FloatArray:
     """(m, 3, 3) covariance of one pose relative to each of (m,) earlier ones, in its own frame.
 
     poses: (n, 3). chain: (n, 3, 3) of each pose relative to the one before, in its own frame.
-    enough: the sum ends once its trace is larger than this.
+    latest_first: (m,) the order of the earlier ones: sorted here, the sort alone took a second to
+    compile. enough: the sum ends once its trace is larger than this.
     """
     out = np.zeros((earlier.size, 3, 3))
-    order = np.argsort(-earlier)
     total, carry, half = np.zeros((3, 3)), np.zeros((3, 3)), np.empty((3, 3))
     carry[2, 2] = 1.0
     x, y, yaw = poses[later]
     cos, sin = np.cos(yaw), np.sin(yaw)
     k = later
-    for at in order:
+    for at in latest_first:
         while k > earlier[at] and total[0, 0] + total[1, 1] + total[2, 2] <= enough:
             turn = poses[k, 2] - yaw
             dx, dy = poses[k, 0] - x, poses[k, 1] - y
@@ -125,5 +134,7 @@ def _along_chain(
                     for m in range(3):
                         total[i, j] += half[i, m] * carry[j, m]
             k -= 1
-        out[at] = total
+        for i in range(3):
+            for j in range(3):
+                out[at, i, j] = total[i, j]
     return out

@@ -17,6 +17,7 @@ from slamsim.core.geometry import between, compose
 from slamsim.core.jit import kernel
 from slamsim.core.types import Float32Array, FloatArray, IntArray
 from slamsim.slam.matching.local_map import MERGE_COS, merge_into, move_piece
+from slamsim.slam.matching.small import put
 from slamsim.slam.matching.surfaces import (
     BEAMS,
     HALF_LENGTH,
@@ -124,7 +125,7 @@ def _gather(
             slot = buckets[bucket] - 1
             if slot < 0:
                 if count < MAX_PIECES:
-                    merged[count] = piece
+                    put(piece, merged[count])
                     keys[count, 0], keys[count, 1], keys[count, 2] = ix, iy, level
                     buckets[bucket] = count + 1
                     count += 1

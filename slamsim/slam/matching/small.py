@@ -127,6 +127,14 @@ def times(matrix: FloatArray, vector: FloatArray, out: FloatArray) -> None:
 
 
 @kernel
+def put(row: FloatArray, to: FloatArray) -> None:
+    """Copy (n,) numbers. Compiled, ``rows[k] = row`` brings an error message with it that names
+    both shapes, which takes two seconds."""
+    for i in range(row.size):
+        to[i] = row[i]
+
+
+@kernel
 def median(values: FloatArray, count: int) -> float:
     """Of the first ``count``, which are reordered (Hoare's selection); the lower of two middles."""
     low, high, middle = 0, count - 1, (count - 1) // 2
