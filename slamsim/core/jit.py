@@ -247,7 +247,8 @@ def kernel(function: _Function) -> _Function:
 
     C never calls it, so that entry is left out.
     """
-    dispatcher: Any = numba.njit(nogil=True, error_model="numpy", no_cfunc_wrapper=True)(function)
+    compiled: Any = numba.njit
+    dispatcher = compiled(nogil=True, error_model="numpy", no_cfunc_wrapper=True)(function)
     dispatcher.get_call_template = partial(_call_template, dispatcher.get_call_template)
     if _cache_folder() is not None:
         dispatcher._cache = _ForgivingCache(function)

@@ -144,7 +144,9 @@ def _errors(
     sigma = {str(name): float(value) for name, value in dict(entry.get("sigma", {})).items()}
     if not all(0.0 <= value < math.inf for value in sigma.values()):
         raise ValueError(f"sigma has numbers that are no standard deviations: {sigma}")
-    told = {name: sigma[name] for name in ("late_s", "readout_s") if timed and name in sigma}
+    told: dict[str, Any] = {
+        name: sigma[name] for name in ("late_s", "readout_s") if timed and name in sigma
+    }
     if placed and {"x_m", "y_m", "yaw_deg"} <= sigma.keys():
         told["place_m"] = max(sigma["x_m"], sigma["y_m"])
         told["yaw_rad"] = math.radians(sigma["yaw_deg"])

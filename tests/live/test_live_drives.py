@@ -94,8 +94,11 @@ def _drive_at_random(controls: LoopControls, rng: np.random.Generator) -> None:
     """Ten twists, each of which is driven, however busy the machine is."""
     for _ in range(10):
         controls.drive(rng.uniform(-1.0, 1.0), rng.uniform(-1.0, 1.0), 0.05)
-        begun_ns = controls.status().stamp_ns
-        wait_for(lambda since_ns=begun_ns: controls.status().stamp_ns > since_ns)
+        _wait_for_time_after(controls, controls.status().stamp_ns)
+
+
+def _wait_for_time_after(controls: LoopControls, stamp_ns: int) -> None:
+    wait_for(lambda: controls.status().stamp_ns > stamp_ns)
 
 
 def test_messages_come_in_order_and_latched_ones_first(tmp_path: Path) -> None:

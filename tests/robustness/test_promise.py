@@ -18,7 +18,7 @@ from promise_oracle import Before, Judge
 
 pytestmark = pytest.mark.fault
 
-CASES, JOBS = 60, 2
+CASES, JOBS = 40, 2
 
 
 def test_commands_at_random_change_nothing_that_is_not_theirs() -> None:
