@@ -1,9 +1,9 @@
 """Random examples have no deadline: compiling, or a busy machine, is no failure. Where CI is set
-Hypothesis draws the same examples for the same code, elsewhere new ones in each run. Ctrl-C is
-heard in child processes also where the tests run in the background, which has it ignored. What
-takes long to make and is only looked at is made once for all files. Modules that are compiled are
-kept, as a child process without them spends a second on it. What was imported until the tests are
-collected stays, and no collection of garbage need look at it."""
+Hypothesis draws the same examples for the same code, elsewhere new ones in each run. SIGINT and
+SIGQUIT are heard in child processes also where the tests run in the background, which has them
+ignored. What takes long to make and is only looked at is made once for all files. Modules that are
+compiled are kept, as a child process without them spends a second on it. What was imported until
+the tests are collected stays, and no collection of garbage need look at it."""
 
 from __future__ import annotations
 
@@ -38,6 +38,8 @@ sys.dont_write_bytecode = False
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+if signal.getsignal(signal.SIGQUIT) is signal.SIG_IGN:
+    signal.signal(signal.SIGQUIT, signal.SIG_DFL)
 
 
 def pytest_collection_finish() -> None:

@@ -110,13 +110,23 @@ def _settled(client: ViewerClient, recording: Path) -> ViewerState:
     deadline = time.monotonic() + SETTLE_TIMEOUT_S
     calm_since = time.monotonic()
     while True:
-        client.take_screenshot(max_size=64)
+        is_drawn = _is_drawn(client)
         state, now = client.get_state(), time.monotonic()
-        if _view_errors(state):
+        if not is_drawn or _view_errors(state):
             calm_since = now
         if now - calm_since >= _CALM_S or now >= deadline:
             return state
         time.sleep(0.1)
+
+
+def _is_drawn(client: ViewerClient) -> bool:
+    """Whether the viewer draws in the time that its client waits. The first picture, for which a
+    graphics driver without its cache compiles shaders, may take longer on a busy machine."""
+    try:
+        client.take_screenshot(max_size=64)
+    except TimeoutError:
+        return False
+    return True
 
 
 def _go_to(client: ViewerClient, timeline: Timeline) -> None:

@@ -54,17 +54,7 @@ def map_by_lidar_or_camera(
                 raise
             why = "none was recorded" if isinstance(reason, WithoutScans) else "it sees nothing"
             reporter.note(f"{reason}; mapping by camera")
-    layers = config.mapping.layers
-    for option, given in (
-        ("--continue", earlier is not None),
-        ("--relations", relations is not None),
-        ("--obstacles", layers.obstacles),
-        ("--labels", bool(layers.labels)),
-        ("--calibration", bool(config.slam.camera_calibration)),
-        ("slam.landmarks.surveyed", bool(config.slam.landmarks.surveyed)),
-    ):
-        if given:
-            raise OverrideRefused(option, "is for maps by lidar; leave it out")
+    _require_nothing_of_lidars(config, earlier, relations)
     from slamsim.run.cameras.mapping import map_by_camera  # with what draws its report
 
     return map_by_camera(
@@ -77,6 +67,23 @@ def map_by_lidar_or_camera(
         wanted=wanted,
         overwrite=overwrite,
     )
+
+
+def _require_nothing_of_lidars(
+    config: RunConfig, earlier: Earlier | None, relations: Path | None
+) -> None:
+    """Raises OverrideRefused for what only a map by lidar can do."""
+    layers = config.mapping.layers
+    for option, given in (
+        ("--continue", earlier is not None),
+        ("--relations", relations is not None),
+        ("--obstacles", layers.obstacles),
+        ("--labels", bool(layers.labels)),
+        ("--calibration", bool(config.slam.camera_calibration)),
+        ("slam.landmarks.surveyed", bool(config.slam.landmarks.surveyed)),
+    ):
+        if given:
+            raise OverrideRefused(option, "is for maps by lidar; leave it out")
 
 
 def _unwanted(without: str, source: Path) -> str:
