@@ -16,8 +16,8 @@ def recover(
     source: Annotated[
         Path,
         typer.Argument(
-            help="A truncated or damaged recording: rosbag2, MCAP, .db3, ROS 1, CARMEN, Parquet; "
-            "or the output folder of a killed run.",
+            help="A truncated or damaged recording: rosbag2, MCAP, .db3, ROS 1, CARMEN, Parquet, "
+            "also packed (.gz, .bz2, .zst); or the output folder of a killed run.",
             show_default=False,
         ),
     ],

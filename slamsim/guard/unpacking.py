@@ -44,6 +44,12 @@ def unpack(path: Path, target: Path, limits: Limits = LIMITS) -> None:
     Never more than the limits allow, nor than the disk has room for: raises InputRefused for a
     bomb and for a damaged archive, DiskFull.
     """
+    if damage := unpack_sound(path, target, limits):
+        raise damage
+
+
+def unpack_sound(path: Path, target: Path, limits: Limits = LIMITS) -> InputRefused | None:
+    """``unpack`` as far as an archive is sound: what is wrong after that, None if nothing is."""
     total = 0
     with open_input(path) as file, target.open("xb") as unpacked:
         try:
@@ -55,7 +61,11 @@ def unpack(path: Path, target: Path, limits: Limits = LIMITS) -> None:
                 unpacked.write(block)
         except Damaged as damage:
             where = f"byte {total:,} of its content"
-            raise InputRefused(path, str(damage), where, limit=damage.limit) from None
+            refusal = InputRefused(path, str(damage), where, limit=damage.limit)
+            if damage.limit:
+                raise refusal from None
+            return refusal
+    return None
 
 
 def _require_proportion(total: int, packed: int, limits: Limits) -> None:

@@ -25,6 +25,8 @@ from slamsim.guard.limits import LIMITS
 from slamsim.io.copy.recording import copy_recording
 from slamsim.io.open import checked_recording, read_log, read_recording, survey_recording
 from slamsim.io.ros import bag as bag_module
+from slamsim.io.salvage.recover import recover
+from slamsim.io.salvage.source import damaged_recording
 
 ROBOT = Robot(ROS2)
 PACKED: dict[str, Callable[[bytes], bytes]] = {
@@ -205,6 +207,40 @@ def test_a_cut_or_damaged_archive_is_named_and_leaves_nothing(
         assert refusal.value.path == packed
         assert "recover" not in str(refusal.value) and str(scratch) not in str(refusal.value)
         assert list(scratch.iterdir()) == []
+
+
+@pytest.mark.parametrize("suffix", PACKED)
+@pytest.mark.parametrize("name", ["a.mcap", "a.bag"])
+def test_of_a_packed_recording_all_before_a_cut_is_recovered(
+    name: str, suffix: str, tmp_path: Path, scratch: Path
+) -> None:
+    packed = packed_file(MAKERS[name](tmp_path / name), suffix)
+    whole = recover(damaged_recording(packed), emptied(tmp_path / "whole"))
+    assert len(read_log(whole.recording).scans) == SCANS and not whole.losses
+    content = packed.read_bytes()
+    packed.write_bytes(content[: len(content) // 2])
+    if suffix == ".gz":
+        found = recover(damaged_recording(packed), emptied(tmp_path / "cut"))
+        assert 0 < found.messages < whole.messages
+        assert packed.name in found.notes[0] and "cut off here" in found.notes[0]
+    else:  # nothing is sound of a block that is cut, and there is but one
+        with pytest.raises(InputRefused, match=r"not one whole message.*cut off here") as refusal:
+            recover(damaged_recording(packed), emptied(tmp_path / "cut"))
+        assert refusal.value.path == packed
+    assert list(scratch.iterdir()) == []
+
+
+def test_packed_files_of_a_folder_are_recovered(tmp_path: Path, scratch: Path) -> None:
+    folder = split(tmp_path / "bag", 2, ".zstd")
+    (folder / "metadata.yaml").unlink()
+    found = recover(damaged_recording(folder), emptied(tmp_path / "found"))
+    assert len(read_log(found.recording).scans) == SCANS and not found.losses
+    assert list(scratch.iterdir()) == []
+
+
+def emptied(folder: Path) -> Path:
+    folder.mkdir()
+    return folder
 
 
 def test_what_is_packed_but_no_recording_is_named_by_its_own_name(tmp_path: Path) -> None:

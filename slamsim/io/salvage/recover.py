@@ -5,8 +5,11 @@ to the rows stands at the end of a table: one that was cut off cannot be read at
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -16,11 +19,13 @@ from slamsim.core.progress import Progress, silent
 from slamsim.guard.errors import InputRefused
 from slamsim.guard.files import open_as_found
 from slamsim.guard.limits import LIMITS
+from slamsim.guard.unpacking import unpack_sound
 from slamsim.io.salvage.bag1 import recover_bag1
 from slamsim.io.salvage.bag2 import recover_bag2
 from slamsim.io.salvage.carmen import recover_carmen
 from slamsim.io.salvage.report import Recovered, RecoveryReport, recovered
-from slamsim.io.salvage.source import Damaged, Kind
+from slamsim.io.salvage.source import Damaged, Kind, has_packed_name
+from slamsim.recording.row_store import large_files_folder
 
 _RECEIVED = "received_ns"
 
@@ -99,11 +104,29 @@ def recover(source: Damaged, folder: Path, progress: Progress = silent) -> Recov
     """Write into a new or empty folder what is whole in a recording, which is only read.
 
     progress counts bytes of it. Call it inside ``partial_folder``. Raises InputRefused if there is
-    not one whole message.
+    not one whole message, and for an archive that is a bomb.
     """
-    result = _RECOVER[source.kind](source, folder, progress)
+    with _unpacked(source) as (plain, notes):
+        result = _RECOVER[source.kind](plain, folder, progress)
     if result.messages == 0:
-        reasons = "; ".join(dict.fromkeys(loss.reason for loss in result.losses[:3]))
+        losses = dict.fromkeys(loss.reason for loss in result.losses[:3])
+        reasons = "; ".join(notes or losses)
         why = f" ({reasons})" if reasons else ""
         raise InputRefused(source.path, f"there is not one whole message in it{why}")
-    return result
+    return replace(result, notes=(*notes, *result.notes))
+
+
+@contextmanager
+def _unpacked(source: Damaged) -> Iterator[tuple[Damaged, list[str]]]:
+    """With files that are packed as a whole unpacked as far as they are sound, into a temporary
+    folder, and what is wrong with them after that. A CARMEN log is unpacked as it is read."""
+    if source.kind == "CARMEN" or not any(map(has_packed_name, source.files)):
+        yield source, []
+        return
+    with TemporaryDirectory(prefix="slamsim-", dir=large_files_folder()) as scratch:
+        files, notes = list[Path](), list[str]()
+        for path in source.files:
+            files.append(Path(scratch, path.stem) if has_packed_name(path) else path)
+            if files[-1] != path and (damage := unpack_sound(path, files[-1])):
+                notes.append(f"{path.name}: {damage.where}: {damage.reason}; no more is unpacked")
+        yield replace(source, files=tuple(files)), notes

@@ -15,6 +15,7 @@ from slamsim.guard.errors import InputRefused, NotFound
 from slamsim.guard.files import open_as_found, own_file
 from slamsim.guard.lock import staging_of
 from slamsim.guard.staging import NEW
+from slamsim.guard.unpacking import PACKINGS
 from slamsim.io import LOG, TABLES
 from slamsim.io.formats.carmen import CARMEN
 from slamsim.io.salvage.report import PATIENCE
@@ -63,10 +64,19 @@ def damaged_recording(path: Path) -> Damaged:
     for place in _PLACES:
         folder = own_file(path, place)
         for kind in _IN_FOLDERS:
-            files = [file for file in _files(folder) if _SUFFIXES.get(file.suffix) == kind]
+            files = [file for file in _files(folder) if _SUFFIXES.get(_suffix(file)) == kind]
             if files:
                 return Damaged(folder, kind, tuple(sorted(files, key=_natural)))
     raise InputRefused(path, "there is no .mcap, .db3 or .parquet file in this folder")
+
+
+def has_packed_name(path: Path) -> bool:
+    """Whether a file is packed as a whole, as its name says."""
+    return path.suffix.lower() in PACKINGS
+
+
+def _suffix(path: Path) -> str:
+    return Path(path.stem).suffix if has_packed_name(path) else path.suffix
 
 
 def _files(folder: Path) -> list[Path]:
