@@ -272,10 +272,10 @@ def _substitute_back(panels: Panels, values: FloatArray, x: FloatArray) -> None:
         rows = panels.below[panels.starts[panel] : panels.starts[panel + 1]]
         own, under = x[begin:end].copy(), np.empty((3 * rows.size, x.shape[1]))
         for r in range(rows.size):
-            under[3 * r : 3 * r + 3] = x[3 * rows[r] : 3 * rows[r] + 3]
+            _put(x[3 * rows[r] : 3 * rows[r] + 3], under[3 * r : 3 * r + 3], 1.0)
         if rows.size > 0:
             own -= times(whole[width:].T.copy(), under)
-        x[begin:end] = times(whole[:width].T.copy(), own)
+        _put(times(whole[:width].T.copy(), own), x[begin:end], 1.0)
 
 
 @kernel
