@@ -14,7 +14,7 @@ import numpy as np
 from slamsim.core.jit import kernel
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.guard.numbers import NoSolution
-from slamsim.models.supernodes import Panels
+from slamsim.models.supernodes import Panels, blocks_at
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,8 +52,21 @@ class BlockFactor:
         The inverse takes the place of the factor, which cannot be used again. Raises NoSolution,
         naming the key frame, for a variance that is not positive.
         """
-        diagonal = _inverse_diagonal(self.panels, self.values)[self.panels.place[:-1]]
+        diagonal = self._inverted()
         self.values.fill(np.nan)
+        return diagonal
+
+    def inverse_blocks(self, pairs: IntArray) -> FloatArray:
+        """(m, 3, 3) blocks of the inverse at (m, 2) pairs of unknowns that the system shares; as
+        ``inverse_diagonal``."""
+        self._inverted()
+        found = blocks_at(self.panels, self.values, pairs)
+        self.values.fill(np.nan)
+        return found
+
+    def _inverted(self) -> FloatArray:
+        """The diagonal blocks of the inverse, which is in the place of the factor now."""
+        diagonal = _inverse_diagonal(self.panels, self.values)[self.panels.place[:-1]]
         require_variances(diagonal, self.keyframes)
         return np.asarray(diagonal)
 

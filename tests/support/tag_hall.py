@@ -40,6 +40,16 @@ def hall(seed: int, max_s: float = 150.0) -> Simulated:
     return simulate(walls, points, seed, geometry=BLIND, gyro=False, max_s=max_s)
 
 
+def half_blind_hall(seed: int) -> Simulated:
+    """The same with a block and a box in it, which half of the scans see."""
+    w, h = SIZE_M
+    things = [box(1.0, 5.6, 4.0, 5.8), box(6.0, 5.6, 9.0, 6.4), box(10.0, 1.0, 11.0, 2.0)]
+    walls = np.concatenate([box(0, 0, w, h), *things])
+    start, round_ = (3.0, 4.6), [(8.0, 4.4), (12.6, 4.4), (12.6, 7.6), (8.0, 7.6)]
+    points = np.array([start, *round_, *round_, start])
+    return simulate(walls, points, seed, geometry=BLIND, gyro=False, max_s=100.0)
+
+
 TAGS_IN_ROOM = np.array(
     [[6.0, 2.0, np.pi], [3.0, 4.0, -np.pi / 2], [0.0, 2.5, 0.0], [2.0, 0.0, np.pi / 2]]
 )

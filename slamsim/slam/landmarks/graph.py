@@ -5,8 +5,8 @@ the odometry in between; without a refinement, the edges of the graph, measured 
 the key frames in the end (``nodes``). So what was found stays as it is where no tag contradicts.
 A tag is one more pose, and each node that sees it joins it by an edge that may be doubted and
 withdrawn as a closure may. Surveyed tags hang on the origin of their survey, which then holds the
-graph in the place of the first key frame. Where only wheels and gyroscope tell the way, what they
-get wrong alike everywhere (sizes of wheels and track) is learnt from the tags.
+graph in the place of the first key frame. What wheels and gyroscope get wrong is learnt from the
+tags, as far as no scan tells it (``wheels``).
 """
 
 from __future__ import annotations
@@ -21,17 +21,18 @@ from slamsim.config.slam import SlamConfig
 from slamsim.core.geometry import compose, inverse, rotation
 from slamsim.core.landmarks import CameraErrors, KnownTag, Landmark, TagsSeen
 from slamsim.core.result import GraphEdge, SlamResult
-from slamsim.core.types import FloatArray, IntArray
+from slamsim.core.types import BoolArray, FloatArray, IntArray
 from slamsim.slam.backend.correction import correct_pieces
 from slamsim.slam.backend.surface_information import MapInformation, with_scatter
 from slamsim.slam.failures import Failures
 from slamsim.slam.landmarks.joint import SHARED, JointSolver, Ties
-from slamsim.slam.landmarks.nodes import Nodes, nodes_of, rescaled
+from slamsim.slam.landmarks.nodes import Nodes, nodes_of
 from slamsim.slam.landmarks.views import TagView, tag_views
+from slamsim.slam.landmarks.wheels import WHEELS, learnt_noise, wheel_slopes
 
 NOT_WHILE_MAPPED = "tags were seen only before the first scan or after the last: they hold nothing"
 WEIGHING_ROUNDS = 10
-"""Each solution is drawn half way to what the last one's odometry said: a thousandth is left."""
+"""In which views are weighed and the noise of wheels is learnt."""
 PART = "landmarks"
 """Of ``SlamResult.parts``."""
 
@@ -103,6 +104,7 @@ class _Problem:
     keyframes: IntArray
     numbers: Mapping[int, int]
     fixed: tuple[GraphEdge, ...]
+    blind: BoolArray
     views: tuple[GraphEdge, ...]
     seen: tuple[TagView, ...]
     cameras: Mapping[str, CameraErrors]
@@ -137,6 +139,7 @@ class _Problem:
             base + nodes.keyframes,
             numbers,
             tuple(fixed),
+            np.append(nodes.blind, np.zeros(len(known), np.bool_)),
             tuple(replace(v.edge, source=base + v.node, target=numbers[v.number]) for v in views),
             tuple(views),
             tags.cameras,
@@ -155,15 +158,22 @@ class _Problem:
         return found
 
     def ties(self) -> Ties:
+        """The wheels count as the last of the cameras: they have errors in common as well."""
         names = {name: k for k, name in enumerate(self.cameras)}
-        cameras = [names.get(view.camera, -1) for view in self.seen]
-        sigmas = np.array([each.sigmas for each in self.cameras.values()]).reshape(-1, SHARED)
-        none = len(self.fixed)
+        driven = [edge.kind == "odometry" for edge in self.fixed]
+        none = np.zeros((3, SHARED))
+        slopes = [
+            wheel_slopes(edge) if by_wheels else none
+            for edge, by_wheels in zip(self.fixed, driven, strict=True)
+        ]
         return Ties(
             (*self.fixed, *self.views),
-            np.append(np.full(none, -1), cameras),
-            np.concatenate([np.zeros((none, 3, SHARED)), [view.slopes for view in self.seen]]),
-            sigmas,
+            np.array(
+                [len(names) if by_wheels else -1 for by_wheels in driven]
+                + [names.get(view.camera, -1) for view in self.seen]
+            ),
+            np.array([*slopes, *(view.slopes for view in self.seen)]),
+            np.array([*(each.sigmas for each in self.cameras.values()), WHEELS]),
             self.surfaces,
             self.poses,
         )
@@ -202,7 +212,9 @@ def _solved(problem: _Problem, config: SlamConfig) -> JointSolver:
     for _ in range(WEIGHING_ROUNDS):
         solver.weigh(config.back_end.graph)
         solver.relax()
-        solver.measure((*rescaled(problem.fixed, solver.poses), *problem.views))
+        if problem.blind.any():
+            fixed = learnt_noise(problem.fixed, problem.blind, solver)
+            solver.measure((*fixed, *problem.views))
     solver.doubt(config.back_end.graph)
     return solver
 

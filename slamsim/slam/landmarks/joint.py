@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.config.back_end import GraphConfig
-from slamsim.core.geometry import adjoint, between, compose
+from slamsim.core.geometry import adjoint, between, compose, rotation
 from slamsim.core.result import GraphEdge
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.guard.numbers import NoSolution
@@ -153,17 +153,60 @@ class JointSolver:
         found[self._others] = diagonal[: len(self._others)]
         return found
 
-    def _errors_of_edges(self) -> tuple[FloatArray, FloatArray]:
-        """(m, 3) in the frames of the targets, and (m, 3, 3) takes steps of sources there."""
+    def fit_of(self, those: IntArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Of (k,) edges: (k, 3) by how much they are off, (k, 3, 3) what they claim of that, and
+        how much of it the solution could fit; all in the frames of their targets."""
+        off, believed, every = self._linear()
+        parts = [(number[those], slopes[those]) for number, slopes in every]
+        pairs = np.concatenate(
+            [np.column_stack([one, other]) for one, _ in parts for other, _ in parts]
+        )
+        free = (pairs < self._unknowns).all(axis=1)
+        blocks = np.zeros((len(pairs), 3, 3))
+        blocks[free] = self._factor(LEAST_KNOWN).inverse_blocks(pairs[free])
+        blocks = blocks.reshape(len(parts), len(parts), len(those), 3, 3)
+        fitted = sum(
+            slopes @ blocks[i, j] @ np.swapaxes(back, 1, 2)
+            for i, (_, slopes) in enumerate(parts)
+            for j, (_, back) in enumerate(parts)
+        )
+        claimed = np.asarray(np.linalg.inv(believed[those]), dtype=np.float64)
+        return off[those], claimed, np.asarray(fitted)
+
+    def _off(self) -> FloatArray:
+        """(m, 3) errors of the edges, in the frames of their targets as they were measured."""
         sources, targets = self.poses[self._ends.T[0]], self.poses[self._ends.T[1]]
         shared = np.concatenate([self.shared, np.zeros((1, SHARED))])[self._ties.cameras]
         off = between(self._measured, between(sources, targets))
-        off = off - np.einsum("mij,mj->mi", self._ties.slopes, shared)
-        return off, adjoint(between(targets, sources))
+        return np.asarray(off - np.einsum("mij,mj->mi", self._ties.slopes, shared))
+
+    def _linear(self) -> tuple[FloatArray, FloatArray, list[tuple[IntArray, FloatArray]]]:
+        """Of each edge: its error (m, 3), what is known of that (m, 3, 3), and its unknowns (m,)
+        with how they move the error (m, 3, 3).
+
+        All in the frame of the target as it is now: that in which it was measured may be turned by
+        a radian, for a tag that is far away fits two ways.
+        """
+        sources, targets = self.poses[self._ends.T[0]], self.poses[self._ends.T[1]]
+        seen = between(sources, targets)
+        turn = rotation(self._measured[:, 2] - seen[:, 2])
+        off = np.einsum("mij,mj->mi", turn, self._off())
+        believed = turn @ self._believed @ np.swapaxes(turn, 1, 2)
+        errors, slopes = self._errors, turn @ self._ties.slopes
+        return (
+            off,
+            believed,
+            [
+                (self._number[self._ends[:, 0]], -adjoint(between(targets, sources))),
+                (self._number[self._ends[:, 1]], np.broadcast_to(np.eye(3), believed.shape)),
+                (errors[:, 0], -slopes[:, :, :3]),
+                (errors[:, 1], -slopes[:, :, 3:]),
+            ],
+        )
 
     def _sigmas(self) -> FloatArray:
         """(m,) how many standard deviations each edge is off."""
-        off, _ = self._errors_of_edges()
+        off = self._off()
         return np.asarray(np.sqrt(np.einsum("mi,mij,mj->m", off, self._believed, off)))
 
     def _cost(self) -> float:
@@ -185,22 +228,12 @@ class JointSolver:
         step = between(compose(self.poses[one], self._relative), self.poses[other])
         return step, adjoint(between(self.poses[other], self.poses[one]))
 
-    def _parts(self, carry: FloatArray) -> list[tuple[IntArray, FloatArray]]:
-        """The unknowns of each edge, (m,), and how they move its error, (m, 3, 3)."""
-        errors, slopes = self._errors, self._ties.slopes
-        return [
-            (self._number[self._ends[:, 0]], -carry),
-            (self._number[self._ends[:, 1]], np.broadcast_to(np.eye(3), carry.shape)),
-            (errors[:, 0], -slopes[:, :, :3]),
-            (errors[:, 1], -slopes[:, :, 3:]),
-        ]
-
     def _gradient(self) -> FloatArray:
         """(u, 3) of half the squares."""
         found = np.zeros((self._unknowns + 1, 3))
-        off, carry = self._errors_of_edges()
-        pull = np.einsum("m,mij,mj->mi", self.weights, self._believed, off)
-        for number, slopes in self._parts(carry):
+        off, believed, parts = self._linear()
+        pull = np.einsum("m,mij,mj->mi", self.weights, believed, off)
+        for number, slopes in parts:
             np.add.at(found, number, np.einsum("mji,mj->mi", slopes, pull))
         step, _ = self._steps()
         np.add.at(
@@ -214,8 +247,8 @@ class JointSolver:
         """What everything knows of the unknowns, factorised. least: known of each, or of all
         alike; damping: share of the diagonal on top."""
         system = empty_system(self._panels)
-        _, carry = self._errors_of_edges()
-        believed, parts = self.weights[:, None, None] * self._believed, self._parts(carry)
+        _, believed, parts = self._linear()
+        believed = self.weights[:, None, None] * believed
         for k, (number, slopes) in enumerate(parts):
             weighed = np.swapaxes(slopes, 1, 2) @ believed
             for other, by_other in parts[k:]:

@@ -7,7 +7,6 @@ covariance that its path has: that is how errors of wheels and gyroscopes grow.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +15,7 @@ from slamsim.config.slam import MotionConfig
 from slamsim.core.geometry import between, rotation
 from slamsim.core.landmarks import TagsSeen
 from slamsim.core.result import GraphEdge, SlamResult
-from slamsim.core.types import FloatArray, IntArray, PlanarTrajectory
+from slamsim.core.types import BoolArray, FloatArray, IntArray, PlanarTrajectory
 from slamsim.slam.backend.surface_information import MapInformation
 
 EARLIER = -1
@@ -24,9 +23,7 @@ EARLIER = -1
 SPACING_M, SPACING_RAD = 0.25, 0.2
 """A pose that sees a tag stands for images up to half of this away; the motion to them is small
 beside the error of one image."""
-LEAST_TO_SCALE = 20
-SCALES = (0.8, 1.25)
-"""No wheels that drive are farther off."""
+MOSTLY = 0.5
 ARM_M = 0.3
 """What a turn counts as path: as far from the wheels' axle as wheels are apart."""
 
@@ -34,13 +31,15 @@ ARM_M = 0.3
 @dataclass(frozen=True, slots=True, eq=False)
 class Nodes:
     """track: T_map_base of all poses of the graph. keyframes: (k,) which of them are key frames.
-    edges: between them, measured anew where SLAM put the poses in the end. surfaces: (p, 2) ordered
+    edges: between them, measured anew where SLAM put the poses in the end. blind: (m,) those of
+    odometry beside which hardly a scan was matched. surfaces: (p, 2) ordered
     pairs of poses and (p, 3, 3) what they know of each other. ``EARLIER`` stands for a map that the
     drive continues."""
 
     track: PlanarTrajectory
     keyframes: IntArray
     edges: tuple[GraphEdge, ...]
+    blind: BoolArray
     surfaces: tuple[IntArray, FloatArray]
 
 
@@ -68,7 +67,9 @@ def nodes_of(
     edges = [_measured(edge, poses) for edge in edges]
     outer = [*range(number[0]), *range(number[-1], len(poses) - 1)]
     edges += [_by_wheels(k, poses, motion) for k in outer]
-    return Nodes(PlanarTrajectory(stamps_ns, poses), number, tuple(edges), surfaces)
+    shares = [_blind_share(result, stamps_ns[[e.source, e.target]]) for e in edges]
+    blind = np.array([e.kind == "odometry" for e in edges]) & (np.array(shares) > MOSTLY)
+    return Nodes(PlanarTrajectory(stamps_ns, poses), number, tuple(edges), blind, surfaces)
 
 
 def _held(
@@ -145,40 +146,26 @@ def _by_wheels(source: int, poses: FloatArray, motion: MotionConfig) -> GraphEdg
 def _as_blind(edge: GraphEdge, result: SlamResult, motion: MotionConfig) -> GraphEdge:
     """A step of the odometry between key frames, with the noise of wheels on top of its own as far
     as no scan was matched: how good they are is learnt from scans, which tell nothing there."""
-    if edge.kind == "closure" or edge.source == EARLIER or result.match_information is None:
+    if edge.kind == "closure" or edge.source == EARLIER:
         return edge
-    stamps_ns = result.graph.keyframes.stamps_ns[[edge.source, edge.target]]
-    begin, end = np.searchsorted(result.trajectory.stamps_ns, stamps_ns)
-    blind = (result.match_information[begin + 1 : end + 1] == 0.0).all(axis=(1, 2))
-    noise = blind.mean() * _of_wheels(edge.T_source_target, motion)
+    share = _blind_share(result, result.graph.keyframes.stamps_ns[[edge.source, edge.target]])
+    noise = share * _of_wheels(edge.T_source_target, motion)
     return replace(edge, covariance=edge.covariance + noise)
+
+
+def _blind_share(result: SlamResult, ends_ns: IntArray) -> float:
+    """Of the scans from one instant to another, those that were not matched."""
+    if result.match_information is None:
+        return 0.0
+    begin, end = np.searchsorted(result.trajectory.stamps_ns, ends_ns).tolist()
+    between_them = result.match_information[begin + 1 : max(end, begin + 1) + 1]
+    return float((between_them == 0.0).all(axis=(1, 2)).mean()) if len(between_them) else 0.0
 
 
 def _of_wheels(step: FloatArray, motion: MotionConfig) -> FloatArray:
     """(3, 3) covariance of a step by wheels and gyroscope alone."""
     slip_m2 = motion.slip_m_per_sqrt_m**2
     return np.diag([slip_m2, slip_m2, motion.turn_rad_per_sqrt_m**2]) * _path_m(step)
-
-
-def rescaled(edges: Sequence[GraphEdge], poses: FloatArray) -> tuple[GraphEdge, ...]:
-    """The edges with path and turn of those of odometry scaled as a solution (n, 3) has them.
-
-    As they are where fewer than ``LEAST_TO_SCALE`` tell.
-    """
-    steps = [edge for edge in edges if edge.kind == "odometry"]
-    if len(steps) < LEAST_TO_SCALE:
-        return tuple(edges)
-    told = np.array([edge.T_source_target for edge in steps])
-    weights = 1.0 / np.array([np.diag(edge.covariance) for edge in steps])
-    found = between(poses[[e.source for e in steps]], poses[[e.target for e in steps]])
-    sums = (weights * told * told).sum(axis=0)[[0, 2]]
-    both = (weights * told * found).sum(axis=0)[[0, 2]]
-    path, turn = np.clip(np.where(sums > 0.0, both / sums, 1.0), *SCALES)
-    scale = np.array([path, path, turn])
-    return tuple(
-        replace(e, T_source_target=scale * e.T_source_target) if e.kind == "odometry" else e
-        for e in edges
-    )
 
 
 def _path_m(step: FloatArray) -> float:
