@@ -71,13 +71,15 @@ AS_CLAIMED = CameraErrors()
 class TagsSeen:
     """What the images of a drive show of tags, and those whose places are known. cameras: by the
     names that observations have. continues: whether the drive goes on with a map, in whose frame it
-    then is; known tags are that map's. joined: whether anything but a guess says where in it."""
+    then is; known tags are that map's. joined: whether anything but a guess says where in it.
+    family: of the tags, empty if not told."""
 
     observations: tuple[TagObservation, ...] = ()
     known: tuple[KnownTag, ...] = ()
     cameras: Mapping[str, CameraErrors] = field(default_factory=dict)
     continues: bool = False
     joined: bool = True
+    family: str = ""
 
 
 NO_TAGS = TagsSeen()
@@ -88,9 +90,9 @@ class Landmark:
     """A tag in the finished map.
 
     T_map_tag: (3,) its middle, and the way it faces. covariance: (3, 3) of a small step in its own
-    frame, relative to where the map is held: its first key frame, the survey, or the map
-    that it goes on with. seen: key frames
-    that see it; doubted: of these, those that do not fit and count for nothing.
+    frame, relative to where the map is held: its first key frame, the survey, or the map that it
+    goes on with. seen: key frames that see it; doubted: of these, those that do not fit and count
+    for nothing. family: whose number that is, empty if not told.
     """
 
     number: int
@@ -99,3 +101,4 @@ class Landmark:
     seen: int
     doubted: int
     is_surveyed: bool = False
+    family: str = ""

@@ -72,7 +72,8 @@ def tags_seen(
         for number, frame in enumerate(cameras.frames(tuple(usable))):
             found += _observed(detectors[frame.topic], frame, usable[frame.topic])
             progress(number + 1, total)
-    return TagsSeen(tuple(found), known, {topic: each.errors for topic, each in usable.items()})
+    errors = {topic: each.errors for topic, each in usable.items()}
+    return TagsSeen(tuple(found), known, errors, family=kind.family)
 
 
 def known_tags(config: LandmarksConfig) -> tuple[KnownTag, ...]:

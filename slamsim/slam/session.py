@@ -273,6 +273,8 @@ def map_log(
     started_s = time.perf_counter()
     if start is not None:
         require_finite("the pose to begin at", start, (3,))
+    if earlier is not None:
+        require_same_tags(tags, earlier.landmarks)
     failures = Failures()
     odometry = odometry_of(log)
     seconds = {"motion": time.perf_counter() - started_s}
@@ -315,6 +317,20 @@ def map_log(
         log=log,
     )
     return whole_result, saved
+
+
+def require_same_tags(tags: TagsSeen, earlier: Sequence[Landmark]) -> None:
+    """Raises SlamsimError for tags that do not go with those of an earlier map."""
+    if tags.known:
+        raise SlamsimError(
+            f"{len(tags.known)} surveyed tags do not go with an earlier map: it keeps its own frame"
+        )
+    families = {tag.family for tag in earlier} - {""}
+    if tags.family and families - {tags.family}:
+        raise SlamsimError(
+            f"the map that is continued has tags of {', '.join(sorted(families))}, this drive of "
+            f"{tags.family}: equal numbers would be other tags"
+        )
 
 
 def motion_of(log: Log, calibration: Mapping[str, Calibrated]) -> PlanarTrajectory | None:

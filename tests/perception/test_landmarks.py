@@ -25,9 +25,10 @@ from slamsim.core.geometry import between, compose, inverse, wrap_angle
 from slamsim.core.landmarks import CameraErrors, TagObservation, TagsSeen
 from slamsim.core.result import SlamResult
 from slamsim.core.types import PlanarTrajectory
-from slamsim.guard.errors import InputRefused
+from slamsim.guard.errors import InputRefused, SlamsimError
 from slamsim.perception.recorded import known_tags, surveyed_tags
 from slamsim.perception.tag_families import parse_tags
+from slamsim.slam.landmarks import joint
 from slamsim.slam.landmarks.graph import with_landmarks
 from slamsim.slam.landmarks.nodes import nodes_of
 from slamsim.slam.landmarks.views import tag_views
@@ -137,6 +138,70 @@ def test_a_surveyed_tag_that_stands_elsewhere_is_told(
     assert told[0].startswith("tag 4 ")
 
 
+@pytest.mark.parametrize("wrong", [1, 3])
+def test_a_wrong_survey_of_one_tag_is_found_where_the_lidar_is_blind(
+    driven: tuple[Simulated, SlamResult, tuple[TagObservation, ...]], wrong: int
+) -> None:
+    """1.4 m, beside the tag by which the drive begins: it pulled the path off by 0.4 and 1 m."""
+    sim, without, observations = driven
+    places = TAGS.copy()
+    places[wrong, :2] += 1.0
+    result = with_landmarks(without, None, TagsSeen(observations, surveyed(places)), CONFIG)
+
+    assert ate_rmse_m(result.trajectory, sim.truth) < 0.03
+    (told,) = [words for words in result.warnings if "where the survey has it" in words]
+    assert told.startswith(f"tag {wrong} ")
+    assert [tag.number for tag in result.landmarks if not tag.is_surveyed] == [wrong]
+
+
+@pytest.mark.parametrize("factor", [0.8, 1.1])
+def test_a_wrong_size_of_the_tags_is_told_where_the_lidar_is_blind(
+    driven: tuple[Simulated, SlamResult, tuple[TagObservation, ...]], factor: float
+) -> None:
+    """It was silent, the map off by 0.26 m with 10 % and claimed to be sure within 20 mm."""
+    sim, without, observations = driven
+    camera = CameraErrors(middle_m=(0.1, 0.02))
+    middle = np.array([*camera.middle_m, 0.0])
+    wider = np.array([factor, factor, 1.0])
+    seen = [
+        replace(one, T_base_tag=middle + wider * (one.T_base_tag - middle), camera="front")
+        for one in observations
+    ]
+    tags = TagsSeen(tuple(seen), cameras={"front": camera})
+    result = with_landmarks(without, None, tags, CONFIG)
+
+    assert any("the size of the tags or of the wheels may be wrong" in w for w in result.warnings)
+    assert ate_rmse_m(result.trajectory, sim.truth) < 0.22
+    start = result.graph.keyframes
+    T_map_truth = compose(start.poses[0], inverse(sim.truth.at(start.stamps_ns[:1])[0]))
+    for tag in result.landmarks:
+        off = between(compose(T_map_truth, TAGS[tag.number]), tag.T_map_tag)[:2]
+        assert off @ np.linalg.solve(tag.covariance[:2, :2], off) < 25.0
+
+
+def test_a_right_size_of_the_tags_is_not_doubted(
+    driven: tuple[Simulated, SlamResult, tuple[TagObservation, ...]],
+) -> None:
+    _, without, observations = driven
+    seen = tuple(replace(one, camera="front") for one in observations)
+    tags = TagsSeen(seen, cameras={"front": CameraErrors(middle_m=(0.1, 0.02))})
+
+    assert with_landmarks(without, None, tags, CONFIG).warnings == without.warnings
+
+
+def test_a_solution_that_does_not_settle_is_told(
+    driven: tuple[Simulated, SlamResult, tuple[TagObservation, ...]],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    _, without, observations = driven
+    monkeypatch.setattr(joint, "MOST_STEPS", 1)
+    monkeypatch.setattr(joint, "SETTLED", 1e-12)
+    result = with_landmarks(without, None, TagsSeen(observations[:40]), CONFIG)
+
+    assert any("it is not exact" in words for words in result.warnings)
+    assert result.landmarks
+
+
 def test_an_unseen_survey_is_told(
     driven: tuple[Simulated, SlamResult, tuple[TagObservation, ...]],
 ) -> None:
@@ -212,10 +277,17 @@ def test_tags_of_a_camera_that_sits_otherwise_leave_a_lidars_path_as_good() -> N
 def test_tags_of_an_earlier_map_are_landmarks_of_the_continued_one(tmp_path: Path) -> None:
     first, second = room(4), room(5)
     seen = [one for one in observed(first, TAGS_IN_ROOM, 4, 400_000_000) if one.number < 3]
-    mapped, saved = map_log(first.log, CONFIG, tags=TagsSeen(tuple(seen)))
+    tags = TagsSeen(tuple(seen), family="apriltag_36h11")
+    mapped, saved = map_log(first.log, CONFIG, tags=tags)
     write_saved_map(tmp_path / "map.npz", saved)
     earlier = read_saved_map(tmp_path / "map.npz")
     assert [tag.number for tag in earlier.landmarks] == [0, 1, 2]
+    assert {tag.family for tag in earlier.landmarks} == {"apriltag_36h11"}
+    others = TagsSeen(tuple(seen), family="aruco_4x4_50")
+    with pytest.raises(SlamsimError, match="tags of apriltag_36h11, this drive of aruco_4x4_50"):
+        map_log(second.log, CONFIG, earlier=earlier, tags=others)
+    with pytest.raises(SlamsimError, match="4 surveyed tags do not go with an earlier map"):
+        map_log(second.log, CONFIG, earlier=earlier, tags=TagsSeen((), surveyed(TAGS_IN_ROOM)))
     write_saved_map(tmp_path / "without.npz", replace(saved, landmarks=()))
     assert not any("landmark" in name for name in np.load(tmp_path / "without.npz").files)
 
@@ -236,6 +308,13 @@ def test_tags_of_an_earlier_map_are_landmarks_of_the_continued_one(tmp_path: Pat
         assert np.hypot(*off[:2]) < 0.02
         if tag.number in before:
             assert np.trace(tag.covariance) < np.trace(before[tag.number].covariance)
+    # An earlier map that may move is as unsure in itself as it was; with tags it claimed half.
+    alone, _ = map_log(second.log, CONFIG, earlier=earlier, start=np.zeros(3))
+    claimed = [
+        np.median(np.trace(each.graph.covariances[:, :2, :2], axis1=1, axis2=2))
+        for each in (on, alone)
+    ]
+    assert claimed[0] > 0.8 * claimed[1]
 
 
 def test_a_tag_that_was_carried_elsewhere_is_mapped_anew() -> None:

@@ -11,24 +11,25 @@ tags, as far as no scan tells it (``wheels``).
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from slamsim.config.slam import SlamConfig
-from slamsim.core.geometry import compose, inverse, rotation
-from slamsim.core.landmarks import CameraErrors, KnownTag, Landmark, TagsSeen
-from slamsim.core.result import GraphEdge, SlamResult
-from slamsim.core.types import BoolArray, FloatArray, IntArray
+from slamsim.core.geometry import rotation
+from slamsim.core.landmarks import KnownTag, Landmark, TagsSeen
+from slamsim.core.result import SlamResult
+from slamsim.core.types import FloatArray
 from slamsim.slam.backend.correction import correct_pieces
 from slamsim.slam.backend.surface_information import MapInformation, with_scatter
 from slamsim.slam.failures import Failures
-from slamsim.slam.landmarks.joint import SHARED, JointSolver, Ties
+from slamsim.slam.landmarks.agreement import DISAGREE_SIGMAS, contradicted, disagreement
+from slamsim.slam.landmarks.joint import MOST_STEPS, JointSolver
 from slamsim.slam.landmarks.nodes import Nodes, nodes_of
+from slamsim.slam.landmarks.problem import Problem
 from slamsim.slam.landmarks.views import TagView, tag_views
-from slamsim.slam.landmarks.wheels import WHEELS, learnt_noise, wheel_slopes
+from slamsim.slam.landmarks.wheels import learnt_noise
 
 NOT_WHILE_MAPPED = "tags were seen only before the first scan or after the last: they hold nothing"
 WEIGHING_ROUNDS = 10
@@ -64,18 +65,12 @@ def with_landmarks(
     views = tag_views(result.trajectory, nodes.track, tags, config.landmarks)
     if not views:
         return replace(result, warnings=(*result.warnings, NOT_WHILE_MAPPED))
-    problem = _Problem.of(nodes, views, tags)
-    solver = _solved(problem, config)
-    warnings = (*problem.warnings, *_not_there(problem, solver))
-    if moved_tags := _carried_elsewhere(problem, solver):
-        known = tuple(each for each in tags.known if each.number not in moved_tags)
-        problem = _Problem.of(nodes, views, replace(tags, known=known))
-        solver = _solved(problem, config)
+    problem, solver, warnings = _agreed(nodes, views, tags, config)
     poses = solver.poses
     anchors = replace(nodes.track, poses=poses[problem.base : problem.base + len(nodes.track)])
     moved = replace(result.graph.keyframes, poses=poses[problem.keyframes])
     breaks_ns = sorted(e.start_ns for e in result.events if e.kind == "kidnapped")
-    covariances = _covariances(problem, solver, information)
+    covariances = _covariances(problem, solver, information, result.graph.covariances)
     graph = replace(result.graph, keyframes=moved, covariances=covariances, in_map=None)
     return replace(
         result,
@@ -87,122 +82,68 @@ def with_landmarks(
     )
 
 
+def _agreed(
+    nodes: Nodes, views: Sequence[TagView], tags: TagsSeen, config: SlamConfig
+) -> tuple[Problem, JointSolver, list[str]]:
+    """The solution once tags that stand elsewhere than known count as unknown ones, and lengths as
+    unsure as they turn out; and what to tell of that."""
+    told: list[str] = []
+    if tags.known and not tags.continues:
+        free = replace(tags, known=())
+        problem, solver, free, told = _with_sure_lengths(nodes, views, free, config)
+        found = {tag.number: tag for tag in _landmarks(problem, solver)}
+        wrong = contradicted(found, tags.known)
+        told += [
+            f"tag {tag} is not where the survey has it but {off_m:.2g} m away, by where the others "
+            "are: it counts as one that was not surveyed"
+            for tag, off_m in wrong.items()
+        ]
+        kept = tuple(each for each in tags.known if each.number not in wrong)
+        tags = replace(tags, known=kept, cameras=free.cameras)
+    problem, solver, tags, lengths = _with_sure_lengths(nodes, views, tags, config)
+    told += [*lengths, *problem.warnings, *_not_there(problem, solver)]
+    if moved_tags := _carried_elsewhere(problem, solver):
+        known = tuple(each for each in tags.known if each.number not in moved_tags)
+        problem = Problem.of(nodes, views, replace(tags, known=known))
+        solver = _solved(problem, config)
+    if not solver.settled:
+        told.append(f"the solution with tags still moved after {MOST_STEPS} steps: it is not exact")
+    return problem, solver, told
+
+
+def _with_sure_lengths(
+    nodes: Nodes, views: Sequence[TagView], tags: TagsSeen, config: SlamConfig
+) -> tuple[Problem, JointSolver, TagsSeen, list[str]]:
+    """The solution with scales of the cameras as unsure as wheels or lidar and tags differ by, if
+    that is more than is claimed of both: a tag's size has no tolerance, it is typed."""
+    problem = Problem.of(nodes, views, tags)
+    solver = _solved(problem, config)
+    blind = bool(nodes.blind.any())
+    wheels_sigma = float(nodes.wheels[-1]) if blind else 0.0
+    apart, sigmas = disagreement(solver.shared, tags.cameras, wheels_sigma)
+    if sigmas <= DISAGREE_SIGMAS:
+        return problem, solver, tags, []
+    widened = {
+        name: replace(each, scale=max(each.scale, abs(apart)))
+        for name, each in tags.cameras.items()
+    }
+    tags = replace(tags, cameras=widened)
+    problem = Problem.of(nodes, views, tags)
+    by, whose = ("wheels", "tags or of the wheels") if blind else ("lidar", "tags")
+    told = (
+        f"lengths by the tags are {100.0 * apart:+.1f} % off those by the {by} ({sigmas:.1f} "
+        f"standard deviations): the size of the {whose} may be wrong"
+    )
+    return problem, _solved(problem, config), tags, [told]
+
+
 def as_known(tag: Landmark) -> KnownTag:
     """A tag of a finished map, as a later drive takes it."""
     turned = rotation(tag.T_map_tag[2])
     return KnownTag(tag.number, tag.T_map_tag, turned @ tag.covariance @ turned.T)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Problem:
-    """poses: (m, 3): the origin of the survey or the earlier map if base is 1, nodes from number
-    base on, then tags by number. fixed: edges that are no views of tags; views: those that are.
-    keyframes: (k,)."""
-
-    poses: FloatArray
-    base: int
-    keyframes: IntArray
-    numbers: Mapping[int, int]
-    fixed: tuple[GraphEdge, ...]
-    blind: BoolArray
-    views: tuple[GraphEdge, ...]
-    seen: tuple[TagView, ...]
-    cameras: Mapping[str, CameraErrors]
-    surfaces: tuple[IntArray, FloatArray]
-    known: frozenset[int]
-    warnings: tuple[str, ...]
-    continues: bool
-    joined: bool
-
-    @staticmethod
-    def of(nodes: Nodes, views: Sequence[TagView], tags: TagsSeen) -> _Problem:
-        track = nodes.track.poses
-        first = _places(track, views)
-        seen = sorted(first)
-        known = [each for each in tags.known if each.number in first]
-        base = 1 if known or tags.continues else 0
-        numbers = {tag: base + len(track) + k for k, tag in enumerate(seen)}
-        poses = np.concatenate([track, [first[tag] for tag in seen]])
-        fixed = [replace(e, source=base + e.source, target=base + e.target) for e in nodes.edges]
-        if known and not tags.continues:
-            anchor = known[0]
-            poses = compose(compose(anchor.T_map_tag, inverse(first[anchor.number])), poses)
-        if base:
-            poses = np.concatenate([np.zeros((1, 3)), poses])
-        fixed += [
-            GraphEdge(0, numbers[each.number], each.T_map_tag, each.covariance, "match")
-            for each in known
-        ]
-        return _Problem(
-            poses,
-            base,
-            base + nodes.keyframes,
-            numbers,
-            tuple(fixed),
-            np.append(nodes.blind, np.zeros(len(known), np.bool_)),
-            tuple(replace(v.edge, source=base + v.node, target=numbers[v.number]) for v in views),
-            tuple(views),
-            tags.cameras,
-            (base + nodes.surfaces[0], nodes.surfaces[1]),
-            frozenset(each.number for each in known),
-            () if tags.continues else _missing(tags.known, known),
-            tags.continues,
-            tags.joined,
-        )
-
-    def fitting(self, solver: JointSolver) -> dict[int, list[bool]]:
-        """Of each tag by its number, whether its views count."""
-        found: dict[int, list[bool]] = {tag: [] for tag in self.numbers}
-        for view, weight in zip(self.seen, solver.weights[len(self.fixed) :], strict=True):
-            found[view.number].append(bool(weight > 0.0))
-        return found
-
-    def ties(self) -> Ties:
-        """The wheels count as the last of the cameras: they have errors in common as well."""
-        names = {name: k for k, name in enumerate(self.cameras)}
-        driven = [edge.kind == "odometry" for edge in self.fixed]
-        none = np.zeros((3, SHARED))
-        slopes = [
-            wheel_slopes(edge) if by_wheels else none
-            for edge, by_wheels in zip(self.fixed, driven, strict=True)
-        ]
-        return Ties(
-            (*self.fixed, *self.views),
-            np.array(
-                [len(names) if by_wheels else -1 for by_wheels in driven]
-                + [names.get(view.camera, -1) for view in self.seen]
-            ),
-            np.array([*slopes, *(view.slopes for view in self.seen)]),
-            np.array([*(each.sigmas for each in self.cameras.values()), WHEELS]),
-            self.surfaces,
-            self.poses,
-        )
-
-
-def _places(track: FloatArray, views: Sequence[TagView]) -> dict[int, FloatArray]:
-    """Of each tag by its number, (3,) that place of all in which nodes saw it which is nearest to
-    the others: one view may be of another tag."""
-    told: dict[int, list[FloatArray]] = defaultdict(list)
-    for view in views:
-        told[view.number].append(compose(track[view.node], view.edge.T_source_target))
-    found = {}
-    for number, poses in told.items():
-        places = np.array(poses)
-        # Row by row: a tag may be in view from thousands of nodes.
-        apart = [np.linalg.norm(place[:2] - places[:, :2], axis=1).sum() for place in places]
-        found[number] = places[int(np.argmin(apart))]
-    return found
-
-
-def _missing(known: Sequence[KnownTag], seen: Sequence[KnownTag]) -> tuple[str, ...]:
-    if not known or seen:
-        return ()
-    return (
-        f"none of the {len(known)} surveyed tags was seen: the map begins at its first key frame",
-    )
-
-
-def _solved(problem: _Problem, config: SlamConfig) -> JointSolver:
+def _solved(problem: Problem, config: SlamConfig) -> JointSolver:
     """Where all poses are in the end, and the edges with their weights.
 
     Views that do not fit are withdrawn in the end; before, all count by how far they are off beside
@@ -220,18 +161,31 @@ def _solved(problem: _Problem, config: SlamConfig) -> JointSolver:
 
 
 def _covariances(
-    problem: _Problem, solver: JointSolver, information: MapInformation | None
+    problem: Problem,
+    solver: JointSolver,
+    information: MapInformation | None,
+    before: FloatArray,
 ) -> FloatArray:
-    """(k, 3, 3) of the key frames relative to the first of the map."""
+    """(k, 3, 3) of the key frames relative to the first of the map.
+
+    before: the same without tags. A map that is continued is one rigid piece in the solution: how
+    unsure it is in itself is what its key frames were more unsure without tags than beside such a
+    piece.
+    """
     first = 0 if problem.continues else int(problem.keyframes[0])
     held = solver.covariances(first)[problem.keyframes]
     if information is None:
         return held
     poses, scatter = solver.poses[problem.keyframes], information.scatter[information.first :]
-    return held + scatter if problem.continues else with_scatter(poses, held, scatter)
+    if not problem.continues:
+        return with_scatter(poses, held, scatter)
+    rigid = solver.without_edges(len(problem.fixed)).covariances(first)[problem.keyframes] + scatter
+    sizes, axes = np.linalg.eigh(before - rigid)
+    inner = axes @ (np.maximum(sizes, 0.0)[:, :, None] * np.swapaxes(axes, 1, 2))
+    return np.asarray(held + scatter + inner)
 
 
-def _not_there(problem: _Problem, solver: JointSolver) -> list[str]:
+def _not_there(problem: Problem, solver: JointSolver) -> list[str]:
     """What to tell of known tags of which no view fits."""
     where = "map that is continued" if problem.continues else "survey"
     return [
@@ -241,7 +195,7 @@ def _not_there(problem: _Problem, solver: JointSolver) -> list[str]:
     ]
 
 
-def _carried_elsewhere(problem: _Problem, solver: JointSolver) -> set[int]:
+def _carried_elsewhere(problem: Problem, solver: JointSolver) -> set[int]:
     """Tags of the earlier map of which no view fits. One view alone may have a wrong number."""
     if not problem.continues:
         return set()
@@ -249,7 +203,7 @@ def _carried_elsewhere(problem: _Problem, solver: JointSolver) -> set[int]:
     return {tag for tag, fits in found if tag in problem.known and len(fits) > 1 and not any(fits)}
 
 
-def _left_out(problem: _Problem, solver: JointSolver) -> list[str]:
+def _left_out(problem: Problem, solver: JointSolver) -> list[str]:
     """What to tell of tags that nothing holds, which are no landmarks."""
     loose = set(solver.loose().tolist())
     return [
@@ -259,7 +213,7 @@ def _left_out(problem: _Problem, solver: JointSolver) -> list[str]:
     ]
 
 
-def _landmarks(problem: _Problem, solver: JointSolver) -> tuple[Landmark, ...]:
+def _landmarks(problem: Problem, solver: JointSolver) -> tuple[Landmark, ...]:
     # A drive that nothing joins to the earlier map is a map of its own.
     hangs = problem.base and problem.joined
     covariances = solver.covariances(0 if hangs else int(problem.keyframes[0]))
@@ -272,6 +226,7 @@ def _landmarks(problem: _Problem, solver: JointSolver) -> tuple[Landmark, ...]:
             len(fitting[tag]),
             fitting[tag].count(False),
             tag in problem.known and not problem.continues,
+            problem.family,
         )
         for tag, number in problem.numbers.items()
         if number not in loose

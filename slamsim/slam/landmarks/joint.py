@@ -10,6 +10,7 @@ unknowns with a prior: counted as independent, they would outweigh any lidar.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,7 +29,9 @@ from slamsim.slam.backend.marginals import edge_covariances
 SHARED = 6
 """Numbers that all observations of a camera have in common: its x, y and yaw on the base, how late
 its first row is, how long its readout takes more, and the logarithm of how much farther things are
-than they look."""
+than they look. Of wheels the last one is that of the path."""
+LEAST_SCALE = 0.1
+"""Nothing is so much smaller than it looks; keeps a step too far from turning it inside out."""
 MOST_STEPS = 50
 RISE, FIRST_DAMPING = 1.1, 1e-4
 """A step that makes the cost more than this times larger is taken back, and taken again with this
@@ -61,11 +64,14 @@ class JointSolver:
     """Gauss and Newton's steps for poses (n, 3), of which one is held fixed.
 
     shared: (c, 6) errors of the cameras, as found by now. weights: (m,) what is left of the edges.
+    settled: whether the last solution came to an end.
     """
 
     def __init__(self, ties: Ties, poses: FloatArray, fixed: int) -> None:
         self.poses, self.shared = poses, np.zeros_like(ties.sigmas)
         self.weights = np.ones(len(ties.edges))
+        self.settled = True
+        self._begun = poses, self.shared
         self._ties = ties
         self._ends = np.array([(edge.source, edge.target) for edge in ties.edges])
         self._doubted = np.array([edge.kind == "closure" for edge in ties.edges])
@@ -98,9 +104,16 @@ class JointSolver:
     def relax(self) -> None:
         """Move everything to where the edges have it, by their weights (Marquardt 1963).
 
-        Raises NoSolution.
+        From where it all began, if that fits better: edges that are withdrawn may have led far
+        away. Raises NoSolution.
         """
         damping, cost = 0.0, self._cost()
+        last = self.poses, self.shared
+        self.poses, self.shared = self._begun
+        if (begun := self._cost()) < cost:
+            cost = begun
+        else:
+            self.poses, self.shared = last
         for _ in range(MOST_STEPS):
             before = self.poses, self.shared
             step = self._factor(LEAST_KNOWN, damping).solve(-self._gradient())
@@ -116,7 +129,8 @@ class JointSolver:
             else:
                 self.poses, self.shared = before
                 damping = max(10.0 * damping, FIRST_DAMPING)
-            if np.abs(step).max(initial=0.0) <= SETTLED:
+            self.settled = bool(np.abs(step).max(initial=0.0) <= SETTLED)
+            if self.settled:
                 break
 
     def weigh(self, config: GraphConfig) -> None:
@@ -141,6 +155,12 @@ class JointSolver:
         tied[self._ends[self.weights > 0.0]] = True
         tied[self._pairs] = True
         return np.flatnonzero(~tied)
+
+    def without_edges(self, first: int) -> JointSolver:
+        """The same solution with edges from number ``first`` on that count for nothing."""
+        other = copy(self)
+        other.weights = np.where(np.arange(len(self.weights)) < first, self.weights, 0.0)
+        return other
 
     def covariances(self, fixed: int) -> FloatArray:
         """(n, 3, 3) relative to a pose, which is held fixed from now on, of small steps of each in
@@ -178,7 +198,15 @@ class JointSolver:
         sources, targets = self.poses[self._ends.T[0]], self.poses[self._ends.T[1]]
         shared = np.concatenate([self.shared, np.zeros((1, SHARED))])[self._ties.cameras]
         off = between(self._measured, between(sources, targets))
-        return np.asarray(off - np.einsum("mij,mj->mi", self._ties.slopes, shared))
+        off -= np.einsum("mij,mj->mi", self._ties.slopes, shared)
+        off[:, :2] *= self._as_measured()[:, None]
+        return np.asarray(off)
+
+    def _as_measured(self) -> FloatArray:
+        """(m,) takes lengths to what a camera or the wheels have them for: noise is of that size.
+        Were it of the true one, everything would fit the better the smaller it is."""
+        scales = np.append(self.shared[:, -1], 0.0)[self._ties.cameras]
+        return np.asarray(1.0 / np.maximum(1.0 + scales, LEAST_SCALE))
 
     def _linear(self) -> tuple[FloatArray, FloatArray, list[tuple[IntArray, FloatArray]]]:
         """Of each edge: its error (m, 3), what is known of that (m, 3, 3), and its unknowns (m,)
@@ -192,13 +220,18 @@ class JointSolver:
         turn = rotation(self._measured[:, 2] - seen[:, 2])
         off = np.einsum("mij,mj->mi", turn, self._off())
         believed = turn @ self._believed @ np.swapaxes(turn, 1, 2)
-        errors, slopes = self._errors, turn @ self._ties.slopes
+        as_measured = self._as_measured()
+        shrink = np.ones_like(off)
+        shrink[:, :2] = as_measured[:, None]
+        shrinks = shrink[:, :, None] * np.eye(3)
+        errors, slopes = self._errors, shrinks @ turn @ self._ties.slopes
+        slopes[:, :2, -1] += as_measured[:, None] * off[:, :2]
         return (
             off,
             believed,
             [
-                (self._number[self._ends[:, 0]], -adjoint(between(targets, sources))),
-                (self._number[self._ends[:, 1]], np.broadcast_to(np.eye(3), believed.shape)),
+                (self._number[self._ends[:, 0]], -shrinks @ adjoint(between(targets, sources))),
+                (self._number[self._ends[:, 1]], shrinks),
                 (errors[:, 0], -slopes[:, :, :3]),
                 (errors[:, 1], -slopes[:, :, 3:]),
             ],

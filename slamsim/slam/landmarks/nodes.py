@@ -17,6 +17,7 @@ from slamsim.core.landmarks import TagsSeen
 from slamsim.core.result import GraphEdge, SlamResult
 from slamsim.core.types import BoolArray, FloatArray, IntArray, PlanarTrajectory
 from slamsim.slam.backend.surface_information import MapInformation
+from slamsim.slam.landmarks.wheels import wheel_sigmas
 
 EARLIER = -1
 """Number of the origin of a map that a drive continues."""
@@ -32,14 +33,15 @@ ARM_M = 0.3
 class Nodes:
     """track: T_map_base of all poses of the graph. keyframes: (k,) which of them are key frames.
     edges: between them, measured anew where SLAM put the poses in the end. blind: (m,) those of
-    odometry beside which hardly a scan was matched. surfaces: (p, 2) ordered
-    pairs of poses and (p, 3, 3) what they know of each other. ``EARLIER`` stands for a map that the
-    drive continues."""
+    odometry beside which hardly a scan was matched. wheels: (6,) ``wheel_sigmas``. surfaces: (p, 2)
+    ordered pairs of poses and (p, 3, 3) what they know of each other. ``EARLIER`` stands for a map
+    that the drive continues."""
 
     track: PlanarTrajectory
     keyframes: IntArray
     edges: tuple[GraphEdge, ...]
     blind: BoolArray
+    wheels: FloatArray
     surfaces: tuple[IntArray, FloatArray]
 
 
@@ -69,7 +71,8 @@ def nodes_of(
     edges += [_by_wheels(k, poses, motion) for k in outer]
     shares = [_blind_share(result, stamps_ns[[e.source, e.target]]) for e in edges]
     blind = np.array([e.kind == "odometry" for e in edges]) & (np.array(shares) > MOSTLY)
-    return Nodes(PlanarTrajectory(stamps_ns, poses), number, tuple(edges), blind, surfaces)
+    wheels = wheel_sigmas(result.calibration)
+    return Nodes(PlanarTrajectory(stamps_ns, poses), number, tuple(edges), blind, wheels, surfaces)
 
 
 def _held(

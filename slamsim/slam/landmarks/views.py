@@ -65,12 +65,16 @@ def tag_views(
         node = int(np.abs(nodes.stamps_ns - one.stamp_ns).argmin())
         T_node_base = between(trajectory.at(nodes.stamps_ns[node : node + 1])[0], pose)
         errors = tags.cameras.get(one.camera, AS_CLAIMED)
-        view = _carried(T_node_base, one), _slopes(one, velocity, errors)
-        seen[node, one.number, one.camera].append(view)
+        edge, slopes = _carried(T_node_base, one), _slopes(one, velocity, errors)
+        # In the frame of the node: tags that fit two ways are not turned alike in all images.
+        slopes = rotation(edge.T_source_target[2]) @ slopes
+        seen[node, one.number, one.camera].append((edge, slopes))
     found = []
     for key in sorted(seen):
-        edges, slopes = zip(*seen[key], strict=True)
-        found.append(TagView(*key, _joined(edges, config), np.mean(slopes, axis=0)))
+        edges, turned = zip(*seen[key], strict=True)
+        edge = _joined(edges, config)
+        own = rotation(-edge.T_source_target[2]) @ np.mean(turned, axis=0)
+        found.append(TagView(*key, edge, own))
     return found
 
 

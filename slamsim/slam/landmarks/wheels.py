@@ -6,35 +6,48 @@ with a prior, as those of a camera are. How large the others are is learnt where
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from slamsim.core.geometry import rotation
-from slamsim.core.result import GraphEdge
+from slamsim.core.result import Calibrated, GraphEdge
 from slamsim.core.types import BoolArray, FloatArray
 from slamsim.slam.calibration.online import PRIOR_SIGMAS
 from slamsim.slam.landmarks.joint import SHARED, JointSolver
 
-WHEELS = np.append(PRIOR_SIGMAS[:3], np.ones(SHARED - 3))
-"""(6,) prior standard deviations of path scale, turn scale and curvature; the others are unused."""
+NUMBERS = (("turn_scale", 1), ("curvature_rad_per_m", 2), ("path_scale", 0))
+"""Of ``SlamResult.calibration``, and their places in ``PRIOR_SIGMAS``; the last is a scale, as that
+of a camera is."""
+LEAST = 1e-4
+"""No wheels are known better: a tenth of a millimetre in a metre."""
 FREEDOM = 1.0
 """What is assumed of a noise counts as one observation of it: known to a factor of about two."""
 
 
+def wheel_sigmas(calibration: Mapping[str, Calibrated]) -> FloatArray:
+    """(6,) standard deviations of the errors of ``wheel_slopes``: as scans tell them, or as assumed
+    of wheels; the others are unused."""
+    found = np.ones(SHARED)
+    for k, (name, place) in zip((0, 1, SHARED - 1), NUMBERS, strict=True):
+        found[k] = calibration[name].sigma if name in calibration else PRIOR_SIGMAS[place]
+    return np.maximum(found, LEAST)
+
+
 def wheel_slopes(edge: GraphEdge) -> FloatArray:
-    """(3, 6) how errors of path scale, turn scale and curvature (rad/m) of what told a step, as
-    ``models.wheel_gyro`` has them, move its end in its own frame: of an arc, by its chord."""
+    """(3, 6) how errors of what told a step move its end in its own frame: turn scale, curvature
+    (rad/m), three that are unused, and path scale, as ``models.wheel_gyro`` has them; by the chord
+    of an arc."""
     x, y, turn = edge.T_source_target
     chord = rotation(-turn)[:2, :2] @ [x, y]
     forward = np.cos(0.5 * turn) * x + np.sin(0.5 * turn) * y
     arc = forward / np.sinc(0.5 * turn / np.pi)
-    turned = np.array([0.0, turn, arc])
     by_turn = 0.5 * np.array([-chord[1], chord[0]]) - turn / 12.0 * chord
-    found = np.outer([*by_turn, 1.0], turned)
-    found[:2, 0] += chord
-    return np.column_stack([found, np.zeros((3, SHARED - 3))])
+    found = np.zeros((3, SHARED))
+    found[:, :2] = np.outer([*by_turn, 1.0], [turn, arc])
+    found[:2, -1] = chord
+    return found
 
 
 def learnt_noise(

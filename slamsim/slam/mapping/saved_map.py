@@ -146,5 +146,6 @@ def _checked(columns: Columns) -> SavedMap:
         raise ValueError("its closures do not join its key frames")
     check_edges(closures)
     tags = len(columns.get(TAGS + "number", ()))
+    columns.setdefault(TAGS + "family", np.full(tags, "", dtype="U16"))  # of an earlier version
     landmarks = from_columns(columns, Landmark, tags, _SHAPES, TAGS) if tags else []
     return SavedMap(keyframes, poses, closures, landmarks)
