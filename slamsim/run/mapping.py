@@ -14,6 +14,7 @@ from slamsim.config.dump import dump_commented_yaml
 from slamsim.config.loading import load_simulated_config, load_world_config
 from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
+from slamsim.core.landmarks import TagsSeen
 from slamsim.core.result import SlamResult
 from slamsim.core.types import Grid, Log, Trajectory
 from slamsim.guard.errors import SlamsimError
