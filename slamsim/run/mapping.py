@@ -14,7 +14,6 @@ from slamsim.config.dump import dump_commented_yaml
 from slamsim.config.loading import load_simulated_config, load_world_config
 from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
-from slamsim.core.landmarks import TagsSeen
 from slamsim.core.result import SlamResult
 from slamsim.core.types import Grid, Log, Trajectory
 from slamsim.guard.errors import SlamsimError
@@ -25,7 +24,6 @@ from slamsim.io import LOG
 from slamsim.io.open import open_recording
 from slamsim.io.selection import EVERYTHING, Selection
 from slamsim.io.text.relations import Relations, read_relations
-from slamsim.perception.tag_families import parse_tags
 from slamsim.process.children import MEMORY, return_freed_memory
 from slamsim.recording import Recording
 from slamsim.report.run_view import RunView, path_length_m, report_json
@@ -48,7 +46,7 @@ from slamsim.simulation.own_files import CONFIG, WORLD, write_config, write_worl
 from slamsim.slam.failures import Failures
 from slamsim.slam.mapping.grid import build_grid
 from slamsim.slam.mapping.saved_map import SavedMap, write_saved_map
-from slamsim.slam.session import map_log, motion_of, require_same_tags
+from slamsim.slam.session import map_log, motion_of
 from slamsim.world.build import build_world
 from slamsim.world.model import World
 
@@ -98,10 +96,7 @@ def map_recording(
     overwrite: bool = False,
 ) -> Report:
     """Map, evaluate with whatever truth there is, show; earlier: a map to go on with."""
-    calibrated = refuse_wrong_files(config, continues=earlier is not None)
-    if earlier is not None and config.slam.landmarks.tags:
-        family = parse_tags(config.slam.landmarks.tags).family
-        require_same_tags(TagsSeen(family=family), earlier.saved.landmarks)
+    calibrated = refuse_wrong_files(config, None if earlier is None else earlier.saved.landmarks)
     path = log_of(source)
     opened = open_recording(path, wanted)
     log = replace(opened.log(), name=recording_name(str(source)))

@@ -86,13 +86,13 @@ def test_what_a_world_will_not_show_is_refused_before_it_is_simulated(
 
 def test_a_survey_does_not_continue_a_map(tmp_path: Path) -> None:
     words = ["slam.landmarks.tags=apriltag_36h11:0.2"]
-    refuse_wrong_files(load_run_config(None, None, words), continues=True)
+    refuse_wrong_files(load_run_config(None, None, words), earlier=())
     survey = tmp_path / "tags.yaml"
     survey.write_text("tags: []\n")
     config = load_run_config(None, None, [*words, f"slam.landmarks.surveyed={survey}"])
     refuse_wrong_files(config)
     with pytest.raises(OverrideRefused, match="keeps its own frame"):
-        refuse_wrong_files(config, continues=True)
+        refuse_wrong_files(config, earlier=())
 
 
 def test_scans_that_never_return_are_told_before_they_are_tracked() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from slamsim.config.run import RunConfig
 from slamsim.config.streams import SensorEntry
-from slamsim.core.landmarks import NO_TAGS, TagsSeen
+from slamsim.core.landmarks import NO_TAGS, Landmark, TagsSeen
 from slamsim.core.places import SeenAgain
 from slamsim.core.types import Log, Scan
 from slamsim.guard.errors import OverrideRefused, shown
@@ -23,7 +24,7 @@ from slamsim.run.cameras.places import places_seen_again
 from slamsim.run.stages import Stages
 from slamsim.sensors.cameras.entry import CameraSettings
 from slamsim.slam.frontend.scan_order import NothingSeen, nothing_seen
-from slamsim.slam.session import odometry_of
+from slamsim.slam.session import odometry_of, require_same_tags
 
 _log = logging.getLogger(__name__)
 _KINDS = {"Image", "CompressedImage"}
@@ -71,17 +72,21 @@ def _images(entry: SensorEntry) -> list[str]:
     return [topic for topic, kind in entry.topics.items() if kind.split("/")[-1] in _KINDS]
 
 
-def refuse_wrong_files(config: RunConfig, *, continues: bool = False) -> CalibratedCameras:
+def refuse_wrong_files(
+    config: RunConfig, earlier: Sequence[Landmark] | None = None
+) -> CalibratedCameras:
     """The cameras as calibrated, read once, for what is inconclusive of them is told.
 
-    Raises UnknownTags, NotFound or InputRefused as reading tags and surveys will; OverrideRefused
-    for a survey in a drive that continues an earlier map.
+    earlier: tags of a map that is continued. Raises UnknownTags, NotFound or InputRefused as
+    reading tags and surveys will; OverrideRefused for a survey in a drive that continues a map, and
+    SlamsimError for tags of another family than that map's.
     """
     if config.slam.landmarks.tags:
-        if continues and config.slam.landmarks.surveyed:
+        if earlier is not None and config.slam.landmarks.surveyed:
             reason = "a map that is continued keeps its own frame; leave it out"
             raise OverrideRefused("slam.landmarks.surveyed", reason)
-        parse_tags(config.slam.landmarks.tags)
+        kind = parse_tags(config.slam.landmarks.tags)
+        require_same_tags(TagsSeen(family=kind.family), earlier or ())
         known_tags(config.slam.landmarks)
     return read_calibration(config.slam.camera_calibration)
 
