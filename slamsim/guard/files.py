@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import IO, BinaryIO
 
 from slamsim.guard.errors import InputRefused, NotFound, shown
-from slamsim.guard.limits import LIMITS, Limits
+from slamsim.guard.limits import LIMITS
 from slamsim.guard.seal import require_as_written
 
 _noted: ContextVar[list[Path] | None] = ContextVar("_noted", default=None)
@@ -66,12 +66,12 @@ def open_as_found(path: Path) -> BinaryIO:
     return os.fdopen(descriptor, "rb")
 
 
-def read_input(path: Path, limit: str, limits: Limits = LIMITS) -> bytes:
+def read_input(path: Path, limit: str) -> bytes:
     """The whole file; raises as ``open_input`` does, and InputRefused above the limit.
 
     limit: the field of ``limits`` that says how many bytes it may have.
     """
-    most: int = getattr(limits, limit)
+    most: int = getattr(LIMITS, limit)
     with open_input(path) as file:
         size = os.fstat(file.fileno()).st_size
         if size > most:

@@ -12,28 +12,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamsim.guard.errors import InputRefused
-from slamsim.guard.limits import LIMITS, Limits
+from slamsim.guard.limits import LIMITS
 
 
-def check_mesh(
-    vertices: NDArray[Any], triangles: NDArray[Any], path: Path, limits: Limits = LIMITS
-) -> None:
+def check_mesh(vertices: NDArray[Any], triangles: NDArray[Any], path: Path) -> None:
     """Raise InputRefused unless this mesh can be handed to an engine.
 
-    vertices: (v, 3) in metres, finite, within ``limits.mesh_coordinate_m``. triangles: (t, 3)
+    vertices: (v, 3) in metres, finite, within ``LIMITS.mesh_coordinate_m``. triangles: (t, 3)
     integers from 0 to v - 1. At least one triangle has an area.
     """
-    _check_shapes(vertices, triangles, path, limits)
+    _check_shapes(vertices, triangles, path)
     finite = np.isfinite(vertices).all(axis=1)
     if not finite.all():
         bad = int(np.argmin(finite))
         reason = f"{np.count_nonzero(~finite):,} vertices are not finite (NaN or infinite)"
         raise InputRefused(path, reason, f"vertex {bad}")
-    far = np.abs(vertices).max(axis=1) > limits.mesh_coordinate_m
+    far = np.abs(vertices).max(axis=1) > LIMITS.mesh_coordinate_m
     if far.any():
         bad = int(np.argmax(far))
         reason = f"lies {np.abs(vertices[bad]).max():g} m out, more than "
-        reason += f"{limits.mesh_coordinate_m:g} m"
+        reason += f"{LIMITS.mesh_coordinate_m:g} m"
         raise InputRefused(path, reason, f"vertex {bad}", limit="mesh_coordinate_m")
     wrong = ((triangles < 0) | (triangles >= len(vertices))).any(axis=1)
     if wrong.any():
@@ -44,9 +42,7 @@ def check_mesh(
         raise InputRefused(path, "all its triangles are lines or points")
 
 
-def _check_shapes(
-    vertices: NDArray[Any], triangles: NDArray[Any], path: Path, limits: Limits
-) -> None:
+def _check_shapes(vertices: NDArray[Any], triangles: NDArray[Any], path: Path) -> None:
     for name, array in (("vertices", vertices), ("triangles", triangles)):
         if array.ndim != 2 or array.shape[1] != 3:
             raise InputRefused(path, f"its {name} have the shape {array.shape}, not (n, 3)")
@@ -57,8 +53,8 @@ def _check_shapes(
         counts = f"{len(vertices)} vertices and {len(triangles)} triangles"
         raise InputRefused(path, f"has {counts}: is it empty, cut off or not a mesh?")
     for name, count, most in (
-        ("vertices", len(vertices), limits.mesh_vertices),
-        ("triangles", len(triangles), limits.mesh_triangles),
+        ("vertices", len(vertices), LIMITS.mesh_vertices),
+        ("triangles", len(triangles), LIMITS.mesh_triangles),
     ):
         if count > most:
             reason = f"has {count:,} {name}, at most {most:,} are read"

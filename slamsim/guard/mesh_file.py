@@ -21,7 +21,7 @@ from defusedxml.ElementTree import iterparse
 
 from slamsim.guard.errors import InputRefused
 from slamsim.guard.files import read_input
-from slamsim.guard.limits import LIMITS, Limits
+from slamsim.guard.limits import LIMITS
 
 _OBJ_ZERO = re.compile(rb"^[ \t]*f[ \t](?:[^\n]*[ \t])?[-+]?0+(?=[/\s]|\Z)", re.MULTILINE)
 _STL_HEADER, _STL_TRIANGLE = 84, 50
@@ -39,15 +39,13 @@ _PLY_SIZES = {
 WORLD_MESHES = (".stl", ".obj", ".ply", ".glb")
 
 
-def check_mesh_file(
-    path: Path, limits: Limits = LIMITS, suffixes: tuple[str, ...] = WORLD_MESHES
-) -> None:
+def check_mesh_file(path: Path, suffixes: tuple[str, ...] = WORLD_MESHES) -> None:
     """Raise unless the file is whole by its own counts, and of one of these kinds.
 
     Raises NotFound, or InputRefused naming what is announced and what is there. What the
     library makes of the file still goes through ``check_mesh``.
     """
-    checks: dict[str, Callable[[bytes, Path, Limits], None]] = {
+    checks: dict[str, Callable[[bytes, Path], None]] = {
         ".stl": _check_stl,
         ".obj": _check_obj,
         ".ply": _check_ply,
@@ -57,13 +55,13 @@ def check_mesh_file(
     suffix = path.suffix.lower()
     if suffix not in suffixes:
         raise InputRefused(path, f"is none of the mesh formats {', '.join(suffixes)}")
-    data = read_input(path, "mesh_file_bytes", limits)
+    data = read_input(path, "mesh_file_bytes")
     if not data:
         raise InputRefused(path, "is empty")
-    checks[suffix](data, path, limits)
+    checks[suffix](data, path)
 
 
-def _check_dae(data: bytes, path: Path, limits: Limits) -> None:
+def _check_dae(data: bytes, path: Path) -> None:
     """Well-formed XML without entities, read element by element: no tree of it is kept."""
     unfinished, root = list[Element](), ""
     try:
@@ -75,8 +73,8 @@ def _check_dae(data: bytes, path: Path, limits: Limits) -> None:
                 unfinished.pop()
                 if unfinished:
                     unfinished[-1].clear()
-            if len(unfinished) > limits.mesh_depth:
-                reason = f"is nested deeper than {limits.mesh_depth} levels"
+            if len(unfinished) > LIMITS.mesh_depth:
+                reason = f"is nested deeper than {LIMITS.mesh_depth} levels"
                 raise InputRefused(path, reason, limit="mesh_depth")
     except (ParseError, DefusedXmlException, ValueError) as error:
         raise InputRefused(path, f"is refused as XML: {error}") from None
@@ -84,7 +82,7 @@ def _check_dae(data: bytes, path: Path, limits: Limits) -> None:
         raise InputRefused(path, f"begins with <{root[:60]}>, a COLLADA file with <COLLADA>")
 
 
-def _check_stl(data: bytes, path: Path, limits: Limits) -> None:
+def _check_stl(data: bytes, path: Path) -> None:
     if data.lstrip()[:5].lower() == b"solid" and b"facet" in data[:4096]:
         facets, ends = data.count(b"endfacet"), data.rstrip()[-4096:].count(b"endsolid")
         if facets == 0 or ends == 0:
@@ -99,14 +97,14 @@ def _check_stl(data: bytes, path: Path, limits: Limits) -> None:
         raise InputRefused(path, reason)
 
 
-def _check_obj(data: bytes, path: Path, limits: Limits) -> None:
+def _check_obj(data: bytes, path: Path) -> None:
     if b"\0" in data:
         raise InputRefused(path, "is no OBJ: it holds NUL bytes")
     for kind in (rb"v", rb"f"):
         if not re.search(rb"^[ \t]*" + kind + rb"[ \t]", data, re.MULTILINE):
             what = "vertex (v)" if kind == b"v" else "face (f)"
             raise InputRefused(path, f"is no OBJ, or is cut off: not one line is a {what}")
-    longest = limits.mesh_line_bytes
+    longest = LIMITS.mesh_line_bytes
     if long := re.search(rb"[^\n]{%d}" % (longest + 1), data):
         line = data.count(b"\n", 0, long.start()) + 1
         reason = f"a line is longer than {longest:,} bytes"
@@ -116,11 +114,11 @@ def _check_obj(data: bytes, path: Path, limits: Limits) -> None:
         raise InputRefused(path, "names the vertex 0, the first one is 1", f"line {line}")
 
 
-def _check_ply(data: bytes, path: Path, limits: Limits) -> None:
-    end = re.search(rb"^end_header\r?\n", data[: limits.mesh_header_bytes], re.MULTILINE)
+def _check_ply(data: bytes, path: Path) -> None:
+    end = re.search(rb"^end_header\r?\n", data[: LIMITS.mesh_header_bytes], re.MULTILINE)
     if not data.startswith(b"ply") or end is None:
         reason = "is no PLY: the header from 'ply' to 'end_header' is not whole"
-        limit = "mesh_header_bytes" if len(data) > limits.mesh_header_bytes else ""
+        limit = "mesh_header_bytes" if len(data) > LIMITS.mesh_header_bytes else ""
         raise InputRefused(path, reason, limit=limit)
     lines = data[: end.start()].decode("ascii", errors="replace").splitlines()
     is_text = any(line.split()[:2] == ["format", "ascii"] for line in lines)
@@ -160,7 +158,7 @@ def _ply_least_bytes(lines: list[str], is_text: bool, path: Path) -> tuple[int, 
     return max(least - 1, 0) if is_text else least, announced
 
 
-def _check_glb(data: bytes, path: Path, limits: Limits) -> None:
+def _check_glb(data: bytes, path: Path) -> None:
     if len(data) < 20 or data[:4] != b"glTF":
         raise InputRefused(path, "is no GLB: the header is not there")
     version, length, json_length, kind = struct.unpack_from("<IIII", data, 4)
@@ -169,13 +167,13 @@ def _check_glb(data: bytes, path: Path, limits: Limits) -> None:
         raise InputRefused(path, reason)
     if kind != _GLB_JSON or 20 + json_length > len(data):
         raise InputRefused(path, f"its description of {json_length:,} bytes is not in the file")
-    if json_length > limits.mesh_header_bytes:
+    if json_length > LIMITS.mesh_header_bytes:
         reason = f"has a description of {json_length:,} bytes, at most "
-        reason += f"{limits.mesh_header_bytes:,} are read"
+        reason += f"{LIMITS.mesh_header_bytes:,} are read"
         raise InputRefused(path, reason, limit="mesh_header_bytes")
     try:
         scene = json.loads(data[20 : 20 + json_length])
-        _check_unrolled(scene, path, limits)
+        _check_unrolled(scene, path)
         _check_scene(scene, _glb_binary_bytes(data, 20 + json_length), path)
     except (ValueError, RecursionError, KeyError, TypeError, AttributeError, IndexError) as error:
         raise InputRefused(path, f"its description is damaged ({error!r:.80})") from None
@@ -209,7 +207,7 @@ def _check_scene(scene: dict[str, list[dict[str, object]]], binary: int, path: P
     _check_nodes(scene.get("nodes", []), path)
 
 
-def _check_unrolled(scene: dict[str, list[dict[str, Any]]], path: Path, limits: Limits) -> None:
+def _check_unrolled(scene: dict[str, list[dict[str, Any]]], path: Path) -> None:
     """What all nodes hold together: one mesh may stand in many places."""
     accessors = scene.get("accessors", [])
     sizes = []
@@ -225,7 +223,7 @@ def _check_unrolled(scene: dict[str, list[dict[str, Any]]], path: Path, limits: 
     shown = [sizes[_count(node["mesh"])] for node in nodes if "mesh" in node]
     totals = [len(nodes), *(sum(column) for column in zip(*shown, strict=True))]
     for name, total in zip(("parts", "parts", "vertices", "triangles"), totals, strict=False):
-        most = getattr(limits, f"mesh_{name}")
+        most = getattr(LIMITS, f"mesh_{name}")
         if total > most:
             reason = f"unrolls to {total:,} {name}, at most {most:,} are read"
             raise InputRefused(path, reason, limit=f"mesh_{name}")

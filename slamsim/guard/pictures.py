@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from slamsim.guard.errors import Excessive, InputRefused, limit_of
 from slamsim.guard.files import read_input
-from slamsim.guard.limits import LIMITS, Limits
+from slamsim.guard.limits import LIMITS
 
 PNG_MAGIC, JPEG_MAGIC = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
 _PNG_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
@@ -38,11 +38,11 @@ class Picture:
     bits: int
 
 
-def picture_of(data: bytes, limits: Limits = LIMITS) -> Picture:
+def picture_of(data: bytes) -> Picture:
     """The header of a whole PNG or JPEG.
 
     Raises ValueError, with what is wrong, for anything else and for one that is cut off or
-    damaged, Excessive for one of more pixels than ``limits`` allow: nothing is decoded for that.
+    damaged, Excessive for one of more pixels than ``LIMITS`` allow: nothing is decoded for that.
     """
     if data.startswith(PNG_MAGIC):
         found = _png(data)
@@ -50,17 +50,17 @@ def picture_of(data: bytes, limits: Limits = LIMITS) -> Picture:
         found = _jpeg(data)
     else:
         raise ValueError("is empty" if not data else "is neither a PNG nor a JPEG")
-    require_size(found.width, found.height, found.channels * max(found.bits // 8, 1), limits)
+    require_size(found.width, found.height, found.channels * max(found.bits // 8, 1))
     return found
 
 
-def require_size(width: int, height: int, pixel_bytes: int, limits: Limits = LIMITS) -> None:
+def require_size(width: int, height: int, pixel_bytes: int) -> None:
     """Raise ValueError for an image without pixels, Excessive for one of too many."""
     if width < 1 or height < 1:
         raise ValueError(f"an image of {width} x {height} pixels is empty")
     allowed, limit = min(
-        (limits.image_pixels, "image_pixels"),
-        (limits.image_decoded_bytes // pixel_bytes, "image_decoded_bytes"),
+        (LIMITS.image_pixels, "image_pixels"),
+        (LIMITS.image_decoded_bytes // pixel_bytes, "image_decoded_bytes"),
     )
     if width * height > allowed:
         raise Excessive(f"{width} x {height} pixels, at most {allowed:,} are read", limit)
@@ -139,24 +139,24 @@ _PGM_HEADER = re.compile(
 )
 
 
-def read_gray_image(path: Path, limits: Limits = LIMITS) -> GrayImage:
+def read_gray_image(path: Path) -> GrayImage:
     """(rows, columns) uint8, row 0 at the top, 0 black and 255 white.
 
     Brighter ranges are scaled down; colours become their luminance (ITU-R BT.601), and what is
     transparent keeps its colour. Raises NotFound, or InputRefused for anything but a whole PGM
-    or PNG of at most ``limits.image_pixels``.
+    or PNG of at most ``LIMITS.image_pixels``.
     """
-    data = read_input(path, "image_file_bytes", limits)
+    data = read_input(path, "image_file_bytes")
     if data.startswith(PNG_MAGIC):
-        return _read_png(data, path, limits)
+        return _read_png(data, path)
     if data[:2] in (b"P2", b"P5"):
-        return _read_pgm(data, path, limits)
+        return _read_pgm(data, path)
     if not data:
         raise InputRefused(path, "is empty")
     raise InputRefused(path, "is not an image of the kinds PGM (P2, P5) or PNG")
 
 
-def _read_pgm(data: bytes, path: Path, limits: Limits) -> GrayImage:
+def _read_pgm(data: bytes, path: Path) -> GrayImage:
     header = _PGM_HEADER.match(data)
     if header is None:
         raise InputRefused(path, "the PGM header (width, height, maximum) is damaged")
@@ -164,7 +164,7 @@ def _read_pgm(data: bytes, path: Path, limits: Limits) -> GrayImage:
     if not 1 <= maximum <= 65535:
         raise InputRefused(path, f"the PGM maximum is {maximum}, not within 1..65535")
     try:
-        require_size(width, height, 2, limits)
+        require_size(width, height, 2)
     except ValueError as error:
         raise InputRefused(path, str(error), limit=limit_of(error)) from None
     body = data[header.end() :]
@@ -201,9 +201,9 @@ def _plain_pixels(body: bytes, count: int, maximum: int, path: Path) -> NDArray[
     return values.astype(np.uint16)
 
 
-def _read_png(data: bytes, path: Path, limits: Limits) -> GrayImage:
+def _read_png(data: bytes, path: Path) -> GrayImage:
     try:
-        picture = picture_of(data, limits)
+        picture = picture_of(data)
     except ValueError as error:
         raise InputRefused(path, str(error), limit=limit_of(error)) from None
     import cv2

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from slamsim.guard.errors import DataDamaged, InputRefused
-from slamsim.guard.limits import LIMITS, Limits
+from slamsim.guard.limits import LIMITS
 
 WRITTEN_BY_US = ".slamsim"
 """A folder that holds a file of this name is ours."""
@@ -67,7 +67,7 @@ def files_in(folder: Path) -> list[str]:
     return sorted(name for name in found if name != SUMS)
 
 
-def require_as_written(path: Path, limits: Limits = LIMITS) -> None:
+def require_as_written(path: Path) -> None:
     """Raise DataDamaged for a file that a seal tells of and that is not as the seal has it.
 
     A file without a seal is not slamsim's. One that was found as it is to be is read again
@@ -75,7 +75,7 @@ def require_as_written(path: Path, limits: Limits = LIMITS) -> None:
     """
     for where in names_of(path):
         for folder in where.parents:
-            seal = seal_in(folder, limits)
+            seal = seal_in(folder)
             name = where.relative_to(folder).as_posix()
             if seal is not None and (sha256 := seal.hashes.get(name)) is not None:
                 if where.exists() and _digest(where, _identity(where)) != sha256:
@@ -113,12 +113,12 @@ def is_within(folder: str, name: str) -> bool:
     return folder in (".", name) or name.startswith(f"{folder}/")
 
 
-def seal_in(folder: Path, limits: Limits = LIMITS) -> Seal | None:
+def seal_in(folder: Path) -> Seal | None:
     """The seal of a folder, or nothing if it has none. Raises DataDamaged if it is damaged."""
     for name in (SUMS, SEQUENCE):
         path = folder / name
         with suppress(OSError):
-            if seal := _seal(path, _identity(path), limits):
+            if seal := _seal(path, _identity(path)):
                 return seal
     return None
 
@@ -162,14 +162,14 @@ def _digest(path: Path, _: _Identity) -> str:
 
 
 @lru_cache(maxsize=_SEALS_KEPT)
-def _seal(path: Path, _: _Identity, limits: Limits) -> Seal | None:
+def _seal(path: Path, _: _Identity) -> Seal | None:
     if not path.is_file():
         return None
     with path.open("rb") as file:
-        data = file.read(limits.sums_bytes + 1)
-    if len(data) > limits.sums_bytes:
+        data = file.read(LIMITS.sums_bytes + 1)
+    if len(data) > LIMITS.sums_bytes:
         reason = (
-            f"is longer than {limits.sums_bytes:,} bytes, which is too long for this kind of file"
+            f"is longer than {LIMITS.sums_bytes:,} bytes, which is too long for this kind of file"
         )
         raise InputRefused(path, reason, limit="sums_bytes")
     if not ((path.parent / WRITTEN_BY_US).is_file() or is_ours(path.name, data)):

@@ -12,7 +12,7 @@ from typing import BinaryIO
 
 from slamsim.guard.errors import Excessive, InputRefused
 from slamsim.guard.files import open_input
-from slamsim.guard.limits import LIMITS, Limits
+from slamsim.guard.limits import LIMITS
 from slamsim.guard.output import require_free_space
 
 PACKINGS = (".gz", ".bz2", ".zst", ".zstd")
@@ -38,17 +38,17 @@ def is_packed(path: Path) -> bool:
     return magic.startswith((_GZIP_MAGIC, _BZIP2_MAGIC, _ZSTD_MAGIC))
 
 
-def unpack(path: Path, target: Path, limits: Limits = LIMITS) -> None:
+def unpack(path: Path, target: Path) -> None:
     """Write the content of a packed file into a new file.
 
     Never more than the limits allow, nor than the disk has room for: raises InputRefused for a
     bomb and for a damaged archive, DiskFull.
     """
-    if damage := unpack_sound(path, target, limits):
+    if damage := unpack_sound(path, target):
         raise damage
 
 
-def unpack_sound(path: Path, target: Path, limits: Limits = LIMITS) -> InputRefused | None:
+def unpack_sound(path: Path, target: Path) -> InputRefused | None:
     """``unpack`` as far as an archive is sound: what is wrong after that, None if nothing is."""
     total = 0
     with open_input(path) as file, target.open("xb") as unpacked:
@@ -57,7 +57,7 @@ def unpack_sound(path: Path, target: Path, limits: Limits = LIMITS) -> InputRefu
                 if total // _SPACE_ASKED_BYTES != (total + len(block)) // _SPACE_ASKED_BYTES:
                     require_free_space(target.parent, 2 * _SPACE_ASKED_BYTES)
                 total += len(block)
-                _require_proportion(total, file.tell(), limits)
+                _require_proportion(total, file.tell())
                 unpacked.write(block)
         except Damaged as damage:
             where = f"byte {total:,} of its content"
@@ -68,12 +68,12 @@ def unpack_sound(path: Path, target: Path, limits: Limits = LIMITS) -> InputRefu
     return None
 
 
-def _require_proportion(total: int, packed: int, limits: Limits) -> None:
-    if total > limits.unpacked_file_bytes:
-        reason = f"unpacks to more than {limits.unpacked_file_bytes:,} bytes"
+def _require_proportion(total: int, packed: int) -> None:
+    if total > LIMITS.unpacked_file_bytes:
+        reason = f"unpacks to more than {LIMITS.unpacked_file_bytes:,} bytes"
         raise Damaged(reason, "unpacked_file_bytes")
-    if total > max(limits.bag_ratio_floor_bytes, limits.bag_ratio * packed):
-        raise Damaged(f"unpacks to more than {limits.bag_ratio} times its size", "bag_ratio")
+    if total > max(LIMITS.bag_ratio_floor_bytes, LIMITS.bag_ratio * packed):
+        raise Damaged(f"unpacks to more than {LIMITS.bag_ratio} times its size", "bag_ratio")
 
 
 def blocks(file: BinaryIO) -> Iterator[bytes]:
@@ -144,7 +144,7 @@ def _bzip2_blocks(file: BinaryIO) -> Iterator[bytes]:
 _BOM = b"\xef\xbb\xbf"
 
 
-def open_lines(path: Path, limits: Limits = LIMITS) -> Iterator[tuple[int, str]]:
+def open_lines(path: Path) -> Iterator[tuple[int, str]]:
     """(1-based line number, line without its end) of a plain, gzip, bzip2 or zstd file.
 
     The first bytes decide which it is, not the name. Bytes that are not UTF-8 arrive as
@@ -153,27 +153,27 @@ def open_lines(path: Path, limits: Limits = LIMITS) -> Iterator[tuple[int, str]]
     All whole lines before the damage are yielded first.
     """
     file = open_input(path)
-    return _lines(path, file, limits)
+    return _lines(path, file)
 
 
-def _lines(path: Path, file: BinaryIO, limits: Limits) -> Iterator[tuple[int, str]]:
+def _lines(path: Path, file: BinaryIO) -> Iterator[tuple[int, str]]:
     number, rest, total = 0, b"", 0
     with file:
         try:
             for block in blocks(file):
                 total += len(block)
-                require_proportion(total, number, file.tell(), limits)
+                require_proportion(total, number, file.tell())
                 joined = rest + block
-                suspect = b"\0" in joined or len(joined) > limits.text_line_bytes
+                suspect = b"\0" in joined or len(joined) > LIMITS.text_line_bytes
                 pieces = joined.split(b"\n")
                 rest = pieces.pop()
                 for piece in pieces:
                     if suspect:
-                        _check_line(piece, limits)
+                        _check_line(piece)
                     number += 1
                     yield number, _decode(piece, number)
                 if suspect:
-                    _check_line(rest, limits)
+                    _check_line(rest)
         except (Damaged, Excessive) as damage:
             where = f"line {number + 1}"
             raise InputRefused(path, str(damage), where, limit=damage.limit) from None
@@ -190,24 +190,24 @@ def _decode(piece: bytes, number: int) -> str:
     return piece.rstrip(b"\r").decode("utf-8", errors="backslashreplace")
 
 
-def _check_line(piece: bytes, limits: Limits) -> None:
-    if len(piece) > limits.text_line_bytes:
-        reason = f"the line is longer than {limits.text_line_bytes:,} bytes"
+def _check_line(piece: bytes) -> None:
+    if len(piece) > LIMITS.text_line_bytes:
+        reason = f"the line is longer than {LIMITS.text_line_bytes:,} bytes"
         raise Damaged(reason, "text_line_bytes")
     if b"\0" in piece:
         raise Damaged("holds a NUL byte: this is not a text file")
 
 
-def require_proportion(total: int, lines: int, packed: int, limits: Limits = LIMITS) -> None:
+def require_proportion(total: int, lines: int, packed: int) -> None:
     """Raise Excessive for more text than belongs into this many bytes of a file, packed or not.
 
     total: bytes of text so far, in this many lines.
     """
-    if total > limits.text_total_bytes:
-        reason = f"more than {limits.text_total_bytes:,} bytes of text"
+    if total > LIMITS.text_total_bytes:
+        reason = f"more than {LIMITS.text_total_bytes:,} bytes of text"
         raise Excessive(reason, "text_total_bytes")
     bomb = "unpacks to more text than a log of this size can hold"
-    if lines > limits.text_lines_floor and lines > limits.text_lines_per_byte * packed:
+    if lines > LIMITS.text_lines_floor and lines > LIMITS.text_lines_per_byte * packed:
         raise Excessive(bomb, "text_lines_per_byte")
-    if total > limits.text_ratio_floor_bytes and total > limits.text_ratio * packed:
+    if total > LIMITS.text_ratio_floor_bytes and total > LIMITS.text_ratio * packed:
         raise Excessive(bomb, "text_ratio")

@@ -15,7 +15,7 @@ from defusedxml import DefusedXmlException
 
 from slamsim.guard.errors import InputRefused, NotFound, shown
 from slamsim.guard.files import read_input, require_inside
-from slamsim.guard.limits import LIMITS, Limits
+from slamsim.guard.limits import LIMITS
 from slamsim.guard.mesh_file import check_mesh_file
 
 _JOINT_TYPES = ("fixed", "continuous", "revolute", "prismatic", "floating", "planar")
@@ -38,21 +38,21 @@ def read_urdf(path: Path) -> tuple[str, tuple[str, ...]]:
     return text, check_urdf(text, path)
 
 
-def check_urdf(text: str, path: Path, limits: Limits = LIMITS) -> tuple[str, ...]:
+def check_urdf(text: str, path: Path) -> tuple[str, ...]:
     """Raise InputRefused unless this is one well-formed robot with sane numbers.
 
     That is: one tree of links with unique names, known joint types, finite numbers of the
     right count, masses and moments of inertia >= 0, sizes > 0, axes that point somewhere, and
     whole mesh files inside the folder of ``path``. Returns their names, relative to that folder.
     """
-    checked = _UrdfCheck(path, limits)
+    checked = _UrdfCheck(path)
     checked.check(text)
     return tuple(checked.meshes)
 
 
 class _UrdfCheck:
-    def __init__(self, path: Path, limits: Limits) -> None:
-        self.path, self.limits = path, limits
+    def __init__(self, path: Path) -> None:
+        self.path = path
         self.meshes: dict[str, Path] = {}
 
     def check(self, text: str) -> None:
@@ -78,17 +78,17 @@ class _UrdfCheck:
         return InputRefused(self.path, reason, where, limit=limit)
 
     def _few(self, what: str, count: int) -> None:
-        most: int = getattr(self.limits, f"urdf_{what}")
+        most: int = getattr(LIMITS, f"urdf_{what}")
         if count > most:
             reason = f"has {count:,} {what.replace('_', ' ')}, at most {most:,} are read"
             raise self.refuse(reason, limit=f"urdf_{what}")
 
     def _parse(self, text: str) -> Element:
         size = len(text.encode("utf-8", errors="replace"))
-        if size > self.limits.urdf_bytes:
-            reason = f"is {size:,} bytes long, at most {self.limits.urdf_bytes:,} are read"
+        if size > LIMITS.urdf_bytes:
+            reason = f"is {size:,} bytes long, at most {LIMITS.urdf_bytes:,} are read"
             raise self.refuse(reason, limit="urdf_bytes")
-        if text.count("<") > 4 * self.limits.urdf_elements:  # before a tree of them is built
+        if text.count("<") > 4 * LIMITS.urdf_elements:  # before a tree of them is built
             raise self._too_many()
         try:
             robot: Element = defusedxml.ElementTree.fromstring(text, forbid_dtd=True)
@@ -105,15 +105,15 @@ class _UrdfCheck:
         level, depth, count = [robot], 0, 0
         while level:
             depth, count = depth + 1, count + len(level)
-            if depth > self.limits.urdf_depth:
-                reason = f"is nested deeper than {self.limits.urdf_depth} levels"
+            if depth > LIMITS.urdf_depth:
+                reason = f"is nested deeper than {LIMITS.urdf_depth} levels"
                 raise self.refuse(reason, limit="urdf_depth")
-            if count > self.limits.urdf_elements:
+            if count > LIMITS.urdf_elements:
                 raise self._too_many()
             level = [child for element in level for child in element]
 
     def _too_many(self) -> InputRefused:
-        reason = f"has more than {self.limits.urdf_elements:,} elements"
+        reason = f"has more than {LIMITS.urdf_elements:,} elements"
         return self.refuse(reason, limit="urdf_elements")
 
     def _names(self, elements: list[Element], kind: str) -> None:
@@ -126,7 +126,7 @@ class _UrdfCheck:
                 raise self.refuse(f"{count} {kind}s are called {shown(name)}")
 
     def _short(self, name: str, kind: str) -> None:
-        if len(name) > (most := self.limits.urdf_name_characters):
+        if len(name) > (most := LIMITS.urdf_name_characters):
             reason = f"a {kind} has a name of {len(name):,} characters, at most {most:,} are read"
             raise self.refuse(reason, limit="urdf_name_characters")
 
@@ -245,7 +245,7 @@ class _UrdfCheck:
         target = require_inside(self.path.parent, name, self.path, f"<link {link.get('name')}>")
         if target not in self.meshes.values():
             try:
-                check_mesh_file(target, self.limits, _MESH_SUFFIXES)
+                check_mesh_file(target, _MESH_SUFFIXES)
             except NotFound:
                 reason = f"the mesh file {shown(name)} does not exist"
                 raise self.refuse(reason, link) from None
@@ -278,7 +278,7 @@ class _UrdfCheck:
             needed = "one number" if count == 1 else f"{count} numbers"
             raise self.refuse(f"{what} is {shown(text)}, {needed} are needed", owner)
         finite = all(map(math.isfinite, values))
-        if not finite or (bounded and max(map(abs, values)) > self.limits.urdf_number):
+        if not finite or (bounded and max(map(abs, values)) > LIMITS.urdf_number):
             reason = f"{what} is {shown(text)}, not a finite sane number"
             raise self.refuse(reason, owner, "urdf_number" if finite else "")
         return values

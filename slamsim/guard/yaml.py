@@ -17,7 +17,7 @@ import yaml
 
 from slamsim.guard.errors import InputRefused, shown
 from slamsim.guard.files import read_input
-from slamsim.guard.limits import LIMITS, Limits
+from slamsim.guard.limits import LIMITS
 
 KeyPath = tuple[str | int, ...]
 
@@ -65,18 +65,18 @@ def key_text(key_path: KeyPath) -> str:
     return text if len(text) <= _SHOWN_KEY else f"{text[:_SHOWN_KEY]}..."
 
 
-def load_yaml(path: Path, limits: Limits = LIMITS) -> YamlDocument:
+def load_yaml(path: Path) -> YamlDocument:
     """Read one YAML document; raises NotFound, or InputRefused naming line and key."""
-    return parse_yaml(_decode(read_input(path, "yaml_bytes", limits), path), path, limits)
+    return parse_yaml(_decode(read_input(path, "yaml_bytes"), path), path)
 
 
-def parse_yaml(text: str, path: Path, limits: Limits = LIMITS) -> YamlDocument:
+def parse_yaml(text: str, path: Path) -> YamlDocument:
     """As ``load_yaml``, for a text at hand; ``path`` only names it in messages."""
     if bad := _FORBIDDEN.search(text):
         line = text.count("\n", 0, bad.start()) + 1
         reason = f"the character U+{ord(bad.group()):04X} has no place in a text file"
         raise InputRefused(path, reason, f"line {line}")
-    builder = _Builder(path, limits)
+    builder = _Builder(path)
     try:
         for event in yaml.parse(text, Loader=yaml.CSafeLoader):
             builder.take(event)
@@ -117,8 +117,8 @@ def _syntax_error(error: yaml.MarkedYAMLError, text: str, path: Path) -> InputRe
 class _Builder:
     """Turns parser events into data, on its own stack, one limit after the other."""
 
-    def __init__(self, path: Path, limits: Limits) -> None:
-        self.path, self.limits = path, limits
+    def __init__(self, path: Path) -> None:
+        self.path = path
         self.data: object = None
         self.lines: dict[KeyPath, int] = {}
         self._documents = self._nodes = 0
@@ -159,8 +159,8 @@ class _Builder:
 
     def _count(self, event: yaml.ScalarEvent | yaml.CollectionStartEvent) -> None:
         self._nodes += 1
-        if self._nodes > self.limits.yaml_nodes:
-            reason = f"more than {self.limits.yaml_nodes:,} values"
+        if self._nodes > LIMITS.yaml_nodes:
+            reason = f"more than {LIMITS.yaml_nodes:,} values"
             raise self._refuse(event, reason, "yaml_nodes")
         if event.tag is not None:
             raise self._refuse(event, f"the tag {shown(event.tag)} is not allowed: remove it")
@@ -181,7 +181,7 @@ class _Builder:
     def _key(self, event: yaml.ScalarEvent) -> None:
         self._count(event)
         key, mapping = event.value, self._stack[-1]
-        if len(key) > (most := self.limits.yaml_key_characters):
+        if len(key) > (most := LIMITS.yaml_key_characters):
             reason = f"a key of {len(key):,} characters, at most {most:,} are read"
             raise self._refuse(event, reason, "yaml_key_characters")
         if key == "<<" and event.implicit[0]:
@@ -200,8 +200,8 @@ class _Builder:
         if self._waits_for_key():
             raise self._refuse(event, "a list or mapping cannot be a key")
         self._count(event)
-        if len(self._stack) >= self.limits.yaml_depth:
-            reason = f"nested deeper than {self.limits.yaml_depth} levels"
+        if len(self._stack) >= LIMITS.yaml_depth:
+            reason = f"nested deeper than {LIMITS.yaml_depth} levels"
             raise self._refuse(event, reason, "yaml_depth")
         self._enter(event)
         self._place(value)

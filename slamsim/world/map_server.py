@@ -22,7 +22,7 @@ from slamsim.core.geometry import transform_points
 from slamsim.core.types import BoolArray, Grid, IntArray
 from slamsim.guard.errors import InputRefused
 from slamsim.guard.files import read_input, require_inside
-from slamsim.guard.limits import LIMITS, Limits
+from slamsim.guard.limits import LIMITS
 from slamsim.guard.pictures import read_gray_image
 from slamsim.world.model import Bounds
 from slamsim.world.prism import Prism, polygons_of
@@ -123,9 +123,7 @@ def _opaque(image_path: Path, shape: tuple[int, ...]) -> BoolArray:
 _BLOCK_ROWS = 512
 
 
-def image_prisms(
-    layout: ImageLayout, height_m: float, limits: Limits = LIMITS
-) -> tuple[list[Prism], Bounds]:
+def image_prisms(layout: ImageLayout, height_m: float) -> tuple[list[Prism], Bounds]:
     """Occupied cells, and unknown ones if they are to be solid, as upright prisms; and the bounds
     of the whole image. Raises InputRefused or NotFound."""
     path = Path(layout.file)
@@ -134,8 +132,8 @@ def image_prisms(
         reason = f"not one of its {occupied.size:,} cells is occupied"
         raise InputRefused(image_path, f"{reason} by the thresholds and mode of {path.name}")
     solid = ~free if layout.unknown == "solid" else occupied
-    if (corners := _corners(solid)) > limits.image_corners:
-        reason = f"its walls have {corners:,} corners, at most {limits.image_corners:,} are built"
+    if (corners := _corners(solid)) > LIMITS.image_corners:
+        reason = f"its walls have {corners:,} corners, at most {LIMITS.image_corners:,} are built"
         raise InputRefused(image_path, f"{reason}: this is noise", limit="image_corners")
     prisms = [Prism(_placed(polygon, described), 0.0, height_m) for polygon in outline_cells(solid)]
     rows, columns = solid.shape

@@ -19,6 +19,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
+from lowered_limits import lowered
 
 from slamsim.cameras.codecs.depth import (
     DEPTH_CODECS,
@@ -33,11 +34,9 @@ from slamsim.cameras.codecs.pictures import decode_picture, encode_jpeg, encode_
 from slamsim.cameras.codecs.raw import ENCODINGS, RawImage, decode_raw
 from slamsim.cameras.codecs.rvl import decode_rvl, encode_rvl
 from slamsim.guard.errors import Excessive
-from slamsim.guard.limits import Limits
 from slamsim.guard.numbers import BadNumbers
 
 RANDOM = np.random.default_rng(7)
-SMALL = Limits(image_pixels=100)
 
 
 def depths() -> st.SearchStrategy[DepthImage]:
@@ -101,7 +100,8 @@ def test_what_is_cut_off_is_told(codec: DepthCodec) -> None:
 @given(data=st.binary(max_size=200), codec=st.sampled_from(DEPTH_CODECS))
 def test_any_bytes_give_an_image_or_a_reason(data: bytes, codec: DepthCodec) -> None:
     try:
-        decode_depth(data, codec, SMALL)
+        with lowered(image_pixels=100):
+            decode_depth(data, codec)
     except ValueError as error:
         assert str(error)
 
@@ -123,10 +123,10 @@ def test_a_size_is_looked_at_before_anything_is_made() -> None:
     with pytest.raises(ValueError, match="empty"):
         decode_depth(struct.pack("<II", 0, 4) + bytes(8), "rvl")
     bomb = encode_png(np.zeros((40, 40), np.uint16))
-    with pytest.raises(Excessive, match="40 x 40 pixels, at most 100"):
-        decode_picture(bomb, SMALL)
-    with pytest.raises(Excessive, match="40 x 40 pixels, at most 100"):
-        decode_picture(encode_jpeg(np.zeros((40, 40), np.uint8)), SMALL)
+    with pytest.raises(Excessive, match="40 x 40 pixels, at most 100"), lowered(image_pixels=100):
+        decode_picture(bomb)
+    with pytest.raises(Excessive, match="40 x 40 pixels, at most 100"), lowered(image_pixels=100):
+        decode_picture(encode_jpeg(np.zeros((40, 40), np.uint8)))
 
 
 def test_a_png_of_gigabytes_is_refused_by_its_header() -> None:

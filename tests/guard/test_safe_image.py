@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 import pytest
 from limited_child import run_limited
+from lowered_limits import lowered
 from numpy.typing import NDArray
 
 from slamsim.guard.errors import InputRefused, NotFound
-from slamsim.guard.limits import Limits
 from slamsim.guard.pictures import read_gray_image
 
 
@@ -121,8 +121,8 @@ def test_other_files_and_limits(tmp_path: Path) -> None:
     with pytest.raises(InputRefused, match="folder"):
         read_gray_image(tmp_path)
     path = written(tmp_path / "a.png", cv2.imencode(".png", some_image(9, 9))[1].tobytes())
-    with pytest.raises(InputRefused, match="9 x 9 pixels, at most 80"):
-        read_gray_image(path, Limits(image_pixels=80))
+    with pytest.raises(InputRefused, match="9 x 9 pixels, at most 80"), lowered(image_pixels=80):
+        read_gray_image(path)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".pgm"])

@@ -13,10 +13,10 @@ import pytest
 import trimesh
 from fault_corpus_meshes import glb
 from limited_child import run_limited
+from lowered_limits import lowered
 from numpy.typing import NDArray
 
 from slamsim.guard.errors import InputRefused, NotFound
-from slamsim.guard.limits import Limits
 from slamsim.guard.mesh import check_mesh
 from slamsim.guard.mesh_file import check_mesh_file
 
@@ -62,8 +62,8 @@ def test_what_would_crash_an_engine_is_refused(
 
 
 def test_a_mesh_has_a_size_limit() -> None:
-    with pytest.raises(InputRefused, match="4 triangles, at most 3"):
-        check_mesh(CORNERS, FACES, HERE, Limits(mesh_triangles=3))
+    with pytest.raises(InputRefused, match="4 triangles, at most 3"), lowered(mesh_triangles=3):
+        check_mesh(CORNERS, FACES, HERE)
 
 
 def exported(kind: str, **options: str) -> bytes:
@@ -154,8 +154,8 @@ def test_missing_and_oversized_files(tmp_path: Path) -> None:
         check_mesh_file(tmp_path / "absent.stl")
     path = tmp_path / "a.obj"
     path.write_bytes(exported("obj"))
-    with pytest.raises(InputRefused, match="at most 10 are read"):
-        check_mesh_file(path, Limits(mesh_file_bytes=10))
+    with pytest.raises(InputRefused, match="at most 10 are read"), lowered(mesh_file_bytes=10):
+        check_mesh_file(path)
 
 
 def test_mutated_files_pass_or_are_refused_and_never_flood(tmp_path: Path) -> None:

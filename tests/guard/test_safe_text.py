@@ -13,10 +13,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from limited_child import run_limited
+from lowered_limits import lowered
 from real_logs import needs_radish, radish
 
 from slamsim.guard.errors import InputRefused, NotFound
-from slamsim.guard.limits import Limits
 from slamsim.guard.unpacking import open_lines
 
 PACKINGS: dict[str, Callable[[bytes], bytes]] = {
@@ -125,13 +125,22 @@ def test_missing_files_are_told_at_once(tmp_path: Path) -> None:
 def test_limits_on_line_total_and_ratio(tmp_path: Path) -> None:
     path = tmp_path / "log"
     path.write_bytes(b"short\n" + b"x" * 101)
-    with pytest.raises(InputRefused, match="line 2: the line is longer than 100 bytes"):
-        list(open_lines(path, Limits(text_line_bytes=100)))
-    with pytest.raises(InputRefused, match="more than 100 bytes of text"):
-        list(open_lines(path, Limits(text_total_bytes=100)))
+    with (
+        pytest.raises(InputRefused, match="line 2: the line is longer than 100 bytes"),
+        lowered(text_line_bytes=100),
+    ):
+        list(open_lines(path))
+    with (
+        pytest.raises(InputRefused, match="more than 100 bytes of text"),
+        lowered(text_total_bytes=100),
+    ):
+        list(open_lines(path))
     path.write_bytes(bz2.compress(b"a line\n" * 100_000))
-    with pytest.raises(InputRefused, match="more text than a log"):
-        list(open_lines(path, Limits(text_ratio=100, text_ratio_floor_bytes=1000)))
+    with (
+        pytest.raises(InputRefused, match="more text than a log"),
+        lowered(text_ratio=100, text_ratio_floor_bytes=1000),
+    ):
+        list(open_lines(path))
 
 
 def test_bombs_are_stopped_in_little_memory(tmp_path: Path) -> None:

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from limited_child import run_limited
+from lowered_limits import lowered
 
 from slamsim.guard.errors import InputRefused, NotFound
-from slamsim.guard.limits import Limits
 from slamsim.guard.yaml import key_text, load_yaml, parse_yaml
 
 HERE = Path("file.yaml")
@@ -125,12 +125,12 @@ def test_what_is_refused_is_named_with_its_line(text: str, where: str, word: str
 
 
 def test_limits_on_nodes_and_bytes(tmp_path: Path) -> None:
-    with pytest.raises(InputRefused, match="more than 10 values"):
-        parse_yaml("[" + "1, " * 20 + "1]", HERE, Limits(yaml_nodes=10))
+    with pytest.raises(InputRefused, match="more than 10 values"), lowered(yaml_nodes=10):
+        parse_yaml("[" + "1, " * 20 + "1]", HERE)
     path = tmp_path / "big.yaml"
     path.write_text("a: " + "x" * 100)
-    with pytest.raises(InputRefused, match="103 bytes long, at most 50"):
-        load_yaml(path, Limits(yaml_bytes=50))
+    with pytest.raises(InputRefused, match="103 bytes long, at most 50"), lowered(yaml_bytes=50):
+        load_yaml(path)
 
 
 @pytest.mark.parametrize(

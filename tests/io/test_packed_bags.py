@@ -15,16 +15,15 @@ import pytest
 import yaml
 import zstandard
 from bag_data import ROS1, ROS2, SCANS, Message, Robot, as_mcap, as_ros1, as_rosbag2
+from lowered_limits import lowered
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 
 from slamsim.core.types import Log
 from slamsim.guard import unpacking
 from slamsim.guard.errors import DiskFull, InputRefused
-from slamsim.guard.limits import LIMITS
 from slamsim.io.copy.recording import copy_recording
 from slamsim.io.open import checked_recording, read_log, read_recording, survey_recording
-from slamsim.io.ros import bag as bag_module
 from slamsim.io.salvage.recover import recover
 from slamsim.io.salvage.source import damaged_recording
 
@@ -179,19 +178,20 @@ def test_a_packed_recording_is_copied_message_by_message(tmp_path: Path, scratch
 def test_a_bomb_is_refused_in_one_sentence(
     name: str, suffix: str, tmp_path: Path, scratch: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    limits = replace(LIMITS, bag_ratio=100, bag_ratio_floor_bytes=1 << 20)
-    monkeypatch.setattr(
-        bag_module, "unpack", lambda path, target: unpacking.unpack(path, target, limits)
-    )
     bomb = tmp_path / f"{name}{suffix}"
     bomb.write_bytes(PACKED[suffix](bytes(8 << 20)))
-    with pytest.raises(InputRefused, match="unpacks to more than 100 times its size") as refusal:
+    with (
+        pytest.raises(InputRefused, match="unpacks to more than 100 times its size") as refusal,
+        lowered(bag_ratio=100, bag_ratio_floor_bytes=1 << 20),
+    ):
         read_log(bomb)
     assert refusal.value.path == bomb and "\n" not in str(refusal.value)
     assert list(scratch.iterdir()) == []
-    tight = replace(LIMITS, unpacked_file_bytes=1 << 20)
-    with pytest.raises(InputRefused, match="more than 1,048,576 bytes"):
-        unpacking.unpack(bomb, tmp_path / "out", tight)
+    with (
+        pytest.raises(InputRefused, match="more than 1,048,576 bytes"),
+        lowered(unpacked_file_bytes=1 << 20),
+    ):
+        unpacking.unpack(bomb, tmp_path / "out")
 
 
 @pytest.mark.parametrize("suffix", PACKED)

@@ -6,7 +6,7 @@ import gzip
 import json
 import struct
 from collections.abc import Callable
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 
 import cv2
@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 import trimesh
 from bag_data import ROS1, ROS2, Robot, as_mcap, as_ros1, as_rosbag2
+from lowered_limits import lowered
 from mcap.writer import CompressionType, Writer
 
 from slamsim.config.layout import ImageLayout
@@ -41,7 +42,7 @@ from slamsim.world.map_server import image_prisms
 
 pytestmark = pytest.mark.fault
 
-Excess = Callable[[Path, Limits], object]
+Excess = Callable[[Path], object]
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
 LINK = '<link name="a"><inertial><mass value="9"/></inertial></link>'
@@ -56,25 +57,25 @@ def put(path: Path, data: bytes) -> Path:
     return path
 
 
-def packed_bag(folder: Path, limits: Limits) -> None:
+def packed_bag(folder: Path) -> None:
     path = put(folder / "a.bag.gz", gzip.compress(bytes(100)))
-    unpack(path, folder / "a.bag", limits)
+    unpack(path, folder / "a.bag")
 
 
 def yaml(text: str) -> Excess:
-    return lambda folder, limits: load_yaml(put(folder / "a.yaml", text.encode()), limits)
+    return lambda folder: load_yaml(put(folder / "a.yaml", text.encode()))
 
 
 def text(data: bytes) -> Excess:
-    return lambda folder, limits: list(open_lines(put(folder / "a.log", data), limits))
+    return lambda folder: list(open_lines(put(folder / "a.log", data)))
 
 
-def image(folder: Path, limits: Limits) -> object:
+def image(folder: Path) -> object:
     data = cv2.imencode(".png", np.zeros((8, 8, 3), np.uint8))[1].tobytes()
-    return read_gray_image(put(folder / "a.png", data), limits)
+    return read_gray_image(put(folder / "a.png", data))
 
 
-def map_image(folder: Path, limits: Limits) -> object:
+def map_image(folder: Path) -> object:
     walls = np.full((8, 8), 255, np.uint8)
     walls[2:6, 2:6], walls[3:5, 3:5] = 0, 255
     put(folder / "map.png", cv2.imencode(".png", walls)[1].tobytes())
@@ -82,44 +83,44 @@ def map_image(folder: Path, limits: Limits) -> object:
     thresholds = "occupied_thresh: 0.6\nfree_thresh: 0.2\n"
     text = f"image: map.png\n{described}{thresholds}"
     path = put(folder / "map.yaml", text.encode())
-    return image_prisms(ImageLayout(file=str(path)), 1.0, limits)
+    return image_prisms(ImageLayout(file=str(path)), 1.0)
 
 
-def mesh(folder: Path, limits: Limits) -> None:
-    check_mesh(CORNERS, FACES, folder / "a.stl", limits)
+def mesh(folder: Path) -> None:
+    check_mesh(CORNERS, FACES, folder / "a.stl")
 
 
-def mesh_file(folder: Path, limits: Limits) -> None:
+def mesh_file(folder: Path) -> None:
     scene = json.dumps({"asset": {"version": "2.0"}}).encode()
     head = struct.pack("<4sIIII", b"glTF", 2, 20 + len(scene), len(scene), 0x4E4F534A)
-    check_mesh_file(put(folder / "a.glb", head + scene), limits)
+    check_mesh_file(put(folder / "a.glb", head + scene))
 
 
-def obj(folder: Path, limits: Limits) -> None:
-    check_mesh_file(put(folder / "a.obj", b"v 0 0 0\n" * 3 + b"f 1 2 3 1 2 3\n"), limits)
+def obj(folder: Path) -> None:
+    check_mesh_file(put(folder / "a.obj", b"v 0 0 0\n" * 3 + b"f 1 2 3 1 2 3\n"))
 
 
-def collada(folder: Path, limits: Limits) -> None:
+def collada(folder: Path) -> None:
     path = put(folder / "a.dae", b"<COLLADA><a><b/></a></COLLADA>")
-    check_mesh_file(path, limits, (".dae",))
+    check_mesh_file(path, (".dae",))
 
 
-def unrolled(folder: Path, limits: Limits) -> None:
+def unrolled(folder: Path) -> None:
     scene = trimesh.Scene([trimesh.Trimesh(CORNERS, FACES) for _ in range(5)])
     data = scene.export(file_type="glb")  # type: ignore[no-untyped-call]
-    check_mesh_file(put(folder / "a.glb", bytes(data)), limits)
+    check_mesh_file(put(folder / "a.glb", bytes(data)))
 
 
-def urdf(folder: Path, limits: Limits) -> None:
-    check_urdf(f'<robot name="r">{LINK}{TURNING}</robot>', folder / "a.urdf", limits)
+def urdf(folder: Path) -> None:
+    check_urdf(f'<robot name="r">{LINK}{TURNING}</robot>', folder / "a.urdf")
 
 
-def chunk(folder: Path, limits: Limits) -> object:
+def chunk(folder: Path) -> object:
     path = as_mcap(folder / "a.mcap", Robot(ROS2).drive(), CompressionType.ZSTD)
-    return index_mcap(path, limits)
+    return index_mcap(path)
 
 
-def attachment(folder: Path, limits: Limits) -> object:
+def attachment(folder: Path) -> object:
     path = folder / "a.mcap"
     with path.open("wb") as stream:
         writer = Writer(stream)
@@ -127,31 +128,30 @@ def attachment(folder: Path, limits: Limits) -> object:
         writer.add_attachment(0, 0, "notes.txt", "text/plain", bytes(100))
         writer.finish()  # type: ignore[no-untyped-call]
     with as_input_errors(path, "attachments"):
-        return list(mcap_attachments(index_mcap(path), limits))
+        return list(mcap_attachments(index_mcap(path)))
 
 
-def table(folder: Path, limits: Limits) -> object:
+def table(folder: Path) -> object:
     path = folder / "a.parquet"
     pq.write_table(pa.table({"a": np.zeros(10_000)}), path, compression="zstd")
     with as_input_errors(path, "its columns"):
-        return read_table(path, limits=limits)
+        return read_table(path)
 
 
 def definition(text: str) -> Excess:
-    def check(folder: Path, limits: Limits) -> None:
+    def check(folder: Path) -> None:
         with as_input_errors(folder, "message definitions"):
-            check_definitions([("a/msg/B", text)], limits)
+            check_definitions([("a/msg/B", text)])
 
     return check
 
 
-def sums(folder: Path, limits: Limits) -> None:
+def sums(folder: Path) -> None:
     put(folder / "SHA256SUMS", sums_text({}).encode())
-    require_as_written(put(folder / "map.pgm", b"P5"), limits)
+    require_as_written(put(folder / "map.pgm", b"P5"))
 
 
-def many_rows(folder: Path, limits: Limits) -> object:
-    assert limits.route_rows == LIMITS.route_rows
+def many_rows(folder: Path) -> object:
     rows = "1,2\n" * (LIMITS.route_rows + 1)
     return read_route(put(folder / "a.csv", f"x_m,y_m\n{rows}".encode()))
 
@@ -192,11 +192,11 @@ EXCESS: dict[str, tuple[Excess, dict[str, float]]] = {
     "sums_bytes": (sums, {"sums_bytes": 20}),
     "route_rows": (many_rows, {}),
     "saved_map_bytes": (
-        lambda folder, limits: read_saved_map(put(folder / "map.npz", bytes(9)), limits),
+        lambda folder: read_saved_map(put(folder / "map.npz", bytes(9))),
         {"saved_map_bytes": 8},
     ),
     "json_bytes": (
-        lambda folder, limits: read_input(put(folder / "a.json", bytes(9)), "json_bytes", limits),
+        lambda folder: read_input(put(folder / "a.json", bytes(9)), "json_bytes"),
         {"json_bytes": 8},
     ),
     "attachment_bytes": (attachment, {"attachment_bytes": 99}),
@@ -205,7 +205,7 @@ EXCESS: dict[str, tuple[Excess, dict[str, float]]] = {
     "bag_ratio": (chunk, {"bag_ratio": 1, "bag_ratio_floor_bytes": 0}),
     "bag_ratio_floor_bytes": (chunk, {"bag_ratio_floor_bytes": 999, "bag_ratio": 1}),
     "bag_record_bytes": (
-        lambda folder, limits: index_bag1(as_ros1(folder / "a", Robot(ROS1).drive()), limits),
+        lambda folder: index_bag1(as_ros1(folder / "a", Robot(ROS1).drive())),
         {"bag_record_bytes": 60},
     ),
     "table_ratio": (table, {"table_ratio": 1, "table_ratio_floor_bytes": 0}),
@@ -228,22 +228,22 @@ def test_each_field_of_the_table_is_exceeded_here() -> None:
 
 @pytest.mark.parametrize("name", EXCESS)
 def test_a_refusal_names_the_limit(name: str, tmp_path: Path) -> None:
-    exceed, lowered = EXCESS[name]
-    with pytest.raises(InputRefused) as caught:
-        exceed(tmp_path, replace(LIMITS, **lowered))  # type: ignore[arg-type]
+    exceed, lower = EXCESS[name]
+    with pytest.raises(InputRefused) as caught, lowered(**lower):
+        exceed(tmp_path)
     assert caught.value.limit == FLOORS.get(name, name)
 
 
 @pytest.mark.parametrize("name", sorted(EXCESS.keys() - {"route_rows", "saved_map_bytes"}))
 def test_within_the_limits_the_same_is_no_excess(name: str, tmp_path: Path) -> None:
     try:
-        EXCESS[name][0](tmp_path, LIMITS)
+        EXCESS[name][0](tmp_path)
     except InputRefused as refusal:
         assert refusal.limit == ""
 
 
 def test_sqlite_messages_have_the_same_limit(tmp_path: Path) -> None:
     path = next(as_rosbag2(tmp_path / "a", Robot(ROS2).drive()).glob("*.db3"))
-    with pytest.raises(InputRefused) as caught:
-        index_sqlite(path, False, replace(LIMITS, bag_record_bytes=50))
+    with pytest.raises(InputRefused) as caught, lowered(bag_record_bytes=50):
+        index_sqlite(path, False)
     assert caught.value.limit == "bag_record_bytes"

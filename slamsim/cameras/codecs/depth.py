@@ -15,7 +15,6 @@ from slamsim.cameras.codecs.pictures import decode_picture, encode_png
 from slamsim.cameras.codecs.planes import pack_planes, unpack_planes
 from slamsim.cameras.codecs.rvl import decode_rvl, encode_rvl
 from slamsim.core.types import Float32Array
-from slamsim.guard.limits import LIMITS, Limits
 from slamsim.guard.numbers import BadNumbers
 from slamsim.guard.pictures import require_size
 
@@ -42,17 +41,17 @@ def encode_depth(depths: DepthImage, codec: DepthCodec) -> bytes:
     return size + (encode_rvl(depths) if codec == "rvl" else pack_planes(depths))
 
 
-def decode_depth(data: bytes, codec: DepthCodec, limits: Limits = LIMITS) -> DepthImage:
-    """(h, w) uint16. Raises ValueError for what is damaged or cut, Excessive beyond ``limits``."""
+def decode_depth(data: bytes, codec: DepthCodec) -> DepthImage:
+    """(h, w) uint16. Raises ValueError for what is damaged or cut, Excessive beyond ``LIMITS``."""
     if codec == "png":
-        pixels = decode_picture(data, limits)
+        pixels = decode_picture(data)
         if pixels.ndim != 2 or pixels.dtype != np.uint16:
             raise ValueError("a PNG of depths has one channel of 16 bits")
         return np.asarray(pixels, np.uint16)
     if len(data) < _SIZE.size:
         raise ValueError("the depth image is cut off before its size")
     width, height = _SIZE.unpack_from(data)
-    require_size(width, height, 2, limits)
+    require_size(width, height, 2)
     body = memoryview(data)[_SIZE.size :]
     if codec == "zstd":
         return unpack_planes(body, (height, width), "u2")

@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from slamsim.guard.limits import LIMITS, Limits
 from slamsim.guard.numbers import BadNumbers
 from slamsim.guard.pictures import Picture, picture_of
 
@@ -19,13 +18,13 @@ PNG_LEVEL = 1
 long (``tests/cameras/test_codecs.py`` has the table)."""
 
 
-def decode_picture(data: bytes, limits: Limits = LIMITS) -> Pixels:
+def decode_picture(data: bytes) -> Pixels:
     """(h, w) or (h, w, 3) RGB, uint8 or uint16; what is transparent keeps its colour.
 
     The header is looked at before anything is decoded. Turns that a camera noted in EXIF are not
-    made. Raises ValueError for what is no whole PNG or JPEG, Excessive beyond ``limits``.
+    made. Raises ValueError for what is no whole PNG or JPEG, Excessive beyond ``LIMITS``.
     """
-    picture = picture_of(data, limits)
+    picture = picture_of(data)
     flags = cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION
     try:
         pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamsim.guard.errors import nearest_name, shown
-from slamsim.guard.limits import LIMITS
 from slamsim.guard.pictures import require_size
 
 Kind = Literal["colour", "grey", "depth"]
@@ -108,7 +107,7 @@ def _stored(image: RawImage, encoding: Encoding) -> NDArray[Any]:
     """(h, w) or (h, w, channels) in the byte order of this machine."""
     order = ">" if image.is_bigendian else "<"
     dtype, channels = np.dtype(order + encoding.dtype), encoding.channels
-    require_size(image.width, image.height, channels * dtype.itemsize, LIMITS)
+    require_size(image.width, image.height, channels * dtype.itemsize)
     rows, used = image.height, image.width * channels * dtype.itemsize
     if image.row_bytes < used:
         reason = f"rows of {image.row_bytes:,} bytes cannot hold {image.width} pixels of"

@@ -16,7 +16,7 @@ from typing import BinaryIO
 
 from slamsim.guard.errors import Excessive
 from slamsim.guard.files import open_input, require_magic
-from slamsim.guard.limits import LIMITS, Limits
+from slamsim.guard.limits import LIMITS
 from slamsim.io.input_errors import damaged
 from slamsim.io.ros.message_types import inflate
 
@@ -56,7 +56,7 @@ class Bag1Index:
     announced: int = 0
 
 
-def index_bag1(path: Path, limits: Limits = LIMITS) -> Bag1Index:
+def index_bag1(path: Path) -> Bag1Index:
     """Walks over the file; InputRefused, with the byte, for one that is cut, damaged or a bomb."""
     index = Bag1Index(path)
     with open_input(path) as file:
@@ -66,7 +66,7 @@ def index_bag1(path: Path, limits: Limits = LIMITS) -> Bag1Index:
         while file.tell() < size:
             position = file.tell()
             try:
-                _take(*_record(file, size, limits), position, index, limits)
+                _take(*_record(file, size), position, index)
             except Exception as error:
                 detail = " ".join(str(error).split())[:200] or type(error).__name__
                 reason = f"{detail} ({type(error).__name__}): the bag is damaged or cut off"
@@ -94,19 +94,19 @@ def sampled_bag1(path: Path) -> Bag1Index:
         file.seek(0)
         require_magic(file, path, MAGIC, "ROS 1 bag")
         try:
-            head, _ = _record(file, size, LIMITS)
+            head, _ = _record(file, size)
             file.seek(int.from_bytes(head[b"index_pos"], "little"))
             if head[b"op"] != BAG_HEADER or file.tell() < len(MAGIC):
                 return index_bag1(path)
             while file.tell() < size:
-                fields, data = _record(file, size, LIMITS)
+                fields, data = _record(file, size)
                 if fields[b"op"] == CHUNK_INFO:
                     counts = dict(struct.iter_unpack("<II", data))
                     index.counts.update(counts)
                     place = int.from_bytes(fields[b"chunk_pos"], "little")
                     chunks.append((_time_ns(fields[b"start_time"]), place, set(counts)))
                 else:
-                    _take(fields, data, 0, index, LIMITS)
+                    _take(fields, data, 0, index)
         except Exception:  # the walk says where it is damaged
             return index_bag1(path)
     chosen: set[int] = set()
@@ -132,7 +132,7 @@ def bag1_messages(
         size = file.seek(0, 2)
         for position in index.places:
             file.seek(position)
-            content = chunk_content(*_record(file, size, LIMITS))
+            content = chunk_content(*_record(file, size))
             found = []
             for fields, _, start, end in records_in_chunk(content):
                 if fields[b"op"] != MESSAGE:
@@ -143,16 +143,16 @@ def bag1_messages(
                 yield connection, received_ns, content[start:end]
 
 
-def _record(file: BinaryIO, size: int, limits: Limits) -> tuple[Fields, bytes]:
-    head = header_fields(_block(file, size, "bag_record_bytes", limits))
-    return head, _block(file, size, "bag_chunk_bytes", limits)
+def _record(file: BinaryIO, size: int) -> tuple[Fields, bytes]:
+    head = header_fields(_block(file, size, "bag_record_bytes"))
+    return head, _block(file, size, "bag_chunk_bytes")
 
 
-def _block(file: BinaryIO, size: int, limit: str, limits: Limits) -> bytes:
+def _block(file: BinaryIO, size: int, limit: str) -> bytes:
     length = int.from_bytes(file.read(4), "little")
     if length > size - file.tell():
         raise ValueError("a record reaches beyond the end of the file")
-    most: int = getattr(limits, limit)
+    most: int = getattr(LIMITS, limit)
     if length > most:
         raise Excessive(f"a record of {length:,} bytes, at most {most:,} are read", limit)
     return file.read(length)
@@ -171,10 +171,10 @@ def header_fields(data: bytes) -> Fields:
     return fields
 
 
-def chunk_content(head: Fields, data: bytes, limits: Limits = LIMITS) -> bytes:
+def chunk_content(head: Fields, data: bytes) -> bytes:
     """The records in a chunk with this header, unpacked; raises as ``inflate`` does."""
     size = int.from_bytes(head[b"size"], "little")
-    return inflate(data, head[b"compression"].decode(), size, limits)
+    return inflate(data, head[b"compression"].decode(), size)
 
 
 def records_in_chunk(content: bytes) -> Iterator[tuple[Fields, int, int, int]]:
@@ -192,11 +192,11 @@ def records_in_chunk(content: bytes) -> Iterator[tuple[Fields, int, int, int]]:
         position = end
 
 
-def _take(head: Fields, data: bytes, position: int, index: Bag1Index, limits: Limits) -> None:
+def _take(head: Fields, data: bytes, position: int, index: Bag1Index) -> None:
     kind = head[b"op"]
     if kind == CHUNK:
         index.places.append(position)
-        content = chunk_content(head, data, limits)
+        content = chunk_content(head, data)
         for fields, _, start, end in records_in_chunk(content):
             if fields[b"op"] == CONNECTION:
                 _connect(fields, content[start:end], index)

@@ -15,7 +15,7 @@ import zstandard
 
 from slamsim.guard.errors import Excessive
 from slamsim.guard.files import open_input, require_magic
-from slamsim.guard.limits import LIMITS, Limits
+from slamsim.guard.limits import LIMITS
 from slamsim.io.input_errors import damaged
 
 _MAGIC = b"SQLite format 3\0"
@@ -56,9 +56,7 @@ class SqliteIndex:
     is_sampled: bool = False
 
 
-def index_sqlite(
-    path: Path, packed: bool, limits: Limits = LIMITS, *, is_sampled: bool = False
-) -> SqliteIndex:
+def index_sqlite(path: Path, packed: bool, *, is_sampled: bool = False) -> SqliteIndex:
     """Looks through the file; InputRefused for a damaged or foreign one and for bombs.
 
     is_sampled: for a first look, which does not check every page of a large file.
@@ -70,7 +68,7 @@ def index_sqlite(
             if is_sampled:
                 require_plain(db)
             else:
-                _require_sound(db, limits)
+                _require_sound(db)
             told = _topics(db), _definitions(db), _hashes(db)
             return SqliteIndex(path, *told, packed, is_sampled)
     except (sqlite3.Error, ValueError) as error:
@@ -111,7 +109,7 @@ def _open(path: Path) -> sqlite3.Connection:
     return sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
 
 
-def _require_sound(db: sqlite3.Connection, limits: Limits) -> None:
+def _require_sound(db: sqlite3.Connection) -> None:
     """Plain tables with values of the right types."""
     require_plain(db)
     (verdict,) = db.execute("PRAGMA quick_check(1)").fetchone()
@@ -120,8 +118,8 @@ def _require_sound(db: sqlite3.Connection, limits: Limits) -> None:
     for table, types in _TYPES.items():
         _require_types(db, table, types)
     (largest,) = db.execute("SELECT max(length(data)) FROM messages").fetchone()
-    if (largest or 0) > limits.bag_record_bytes:
-        reason = f"a message of {largest:,} bytes, at most {limits.bag_record_bytes:,} are read"
+    if (largest or 0) > LIMITS.bag_record_bytes:
+        reason = f"a message of {largest:,} bytes, at most {LIMITS.bag_record_bytes:,} are read"
         raise Excessive(reason, "bag_record_bytes")
 
 

@@ -22,7 +22,7 @@ from mcap.opcode import Opcode
 
 from slamsim.guard.errors import Excessive
 from slamsim.guard.files import open_input, require_magic
-from slamsim.guard.limits import LIMITS, Limits
+from slamsim.guard.limits import LIMITS
 from slamsim.io.input_errors import damaged
 from slamsim.io.mcap.framing import MAGIC
 from slamsim.io.ros.message_types import inflate
@@ -54,7 +54,7 @@ class McapIndex:
     unchecked: Counter[str] = field(default_factory=Counter)
 
 
-def index_mcap(path: Path, limits: Limits = LIMITS) -> McapIndex:
+def index_mcap(path: Path) -> McapIndex:
     """Walks over the file; InputRefused, with the byte, for one that is cut, damaged or a bomb."""
     index = McapIndex(path)
     with open_input(path) as file:
@@ -64,7 +64,7 @@ def index_mcap(path: Path, limits: Limits = LIMITS) -> McapIndex:
         position, crc, ended = file.tell(), zlib.crc32(MAGIC), False
         while not ended:
             try:
-                crc, ended = _next_record(file, size, index, crc, limits)
+                crc, ended = _next_record(file, size, index, crc)
             except Exception as error:
                 detail = " ".join(str(error).split())[:200] or type(error).__name__
                 raise damaged(path, detail, f"byte {position:,}", error) from error
@@ -105,11 +105,11 @@ def mcap_messages(
                 yield channel, log_ns, published_ns, sequence, data
 
 
-def mcap_attachments(index: McapIndex, limits: Limits = LIMITS) -> Iterator[records.Attachment]:
+def mcap_attachments(index: McapIndex) -> Iterator[records.Attachment]:
     """One after the other; raises as ``mcap_messages`` does, and Excessive for a too large one."""
     with open_input(index.path) as file:
         for position, length in index.attachments:
-            if length > limits.attachment_bytes:
+            if length > LIMITS.attachment_bytes:
                 raise Excessive(f"an attachment of {length:,} bytes", "attachment_bytes")
             file.seek(position + RECORD_HEAD.size)
             data = file.read(length)
@@ -118,9 +118,7 @@ def mcap_attachments(index: McapIndex, limits: Limits = LIMITS) -> Iterator[reco
             yield records.Attachment.read(data_stream(data))
 
 
-def _next_record(
-    file: BinaryIO, size: int, index: McapIndex, crc: int, limits: Limits
-) -> tuple[int, bool]:
+def _next_record(file: BinaryIO, size: int, index: McapIndex, crc: int) -> tuple[int, bool]:
     """(running checksum, whether this was the footer) after one more record."""
     position = file.tell()
     head = file.read(RECORD_HEAD.size)
@@ -133,7 +131,7 @@ def _next_record(
         index.attachments.append((position, length))
         return _skip(file, length, zlib.crc32(head, crc)), False
     limit = "bag_chunk_bytes" if opcode == Opcode.CHUNK else "bag_record_bytes"
-    if length > getattr(limits, limit) + _CHUNK_HEAD_BYTES:
+    if length > getattr(LIMITS, limit) + _CHUNK_HEAD_BYTES:
         reason = f"a record of {length:,} bytes is larger than any in a recording"
         raise Excessive(reason, limit)
     data = file.read(length)
@@ -148,7 +146,7 @@ def _next_record(
         return 0, True
     if opcode in (Opcode.CHUNK, Opcode.MESSAGE):
         index.places.append((position, length))
-    _take(opcode, data, index, limits)
+    _take(opcode, data, index)
     return zlib.crc32(data, zlib.crc32(head, crc)), False
 
 
@@ -172,15 +170,15 @@ def _require_crc(stored: int, computed: int, what: str) -> None:
         raise ValueError(f"the checksum of {what} does not fit: damaged")
 
 
-def _take(opcode: int, data: bytes, index: McapIndex, limits: Limits) -> None:
+def _take(opcode: int, data: bytes, index: McapIndex) -> None:
     if opcode == Opcode.CHUNK:
-        chunk, content = read_chunk(data, limits)
+        chunk, content = read_chunk(data)
         index.unchecked["a chunk"] += chunk.uncompressed_crc == 0
         for inner, start, end in records_in(content):
             if inner == Opcode.MESSAGE:
                 _count(content, start, end, index)
             elif inner in (Opcode.SCHEMA, Opcode.CHANNEL):
-                _take(inner, content[start:end], index, limits)
+                _take(inner, content[start:end], index)
             else:
                 raise ValueError(f"a record of the kind 0x{inner:02x} has no place in a chunk")
     elif opcode == Opcode.MESSAGE:
@@ -208,10 +206,10 @@ def _count(content: bytes, start: int, end: int, index: McapIndex) -> None:
     index.counts[channel] += 1
 
 
-def read_chunk(data: bytes, limits: Limits = LIMITS) -> tuple[records.Chunk, bytes]:
+def read_chunk(data: bytes) -> tuple[records.Chunk, bytes]:
     """(chunk, the records in it unpacked); ValueError when they do not fit its checksum."""
     chunk = records.Chunk.read(data_stream(data))
-    content = inflate(chunk.data, chunk.compression, chunk.uncompressed_size, limits)
+    content = inflate(chunk.data, chunk.compression, chunk.uncompressed_size)
     _require_crc(chunk.uncompressed_crc, zlib.crc32(content), "a chunk")
     return chunk, content
 

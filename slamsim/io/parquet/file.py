@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from slamsim.core.types import FloatArray
 from slamsim.guard.errors import Excessive
-from slamsim.guard.limits import LIMITS, Limits
+from slamsim.guard.limits import LIMITS
 from slamsim.guard.seal import require_as_written
 from slamsim.io.staged_writer import StagedWriter
 
@@ -166,28 +166,26 @@ def _array(cells: Cells, field: Any) -> Any:
     return pa.array(np.ascontiguousarray(cells), type=field.type, from_pandas=False)
 
 
-def read_table(
-    path: Path, columns: Sequence[str] | None = None, limits: Limits = LIMITS
-) -> dict[str, NDArray[Any]]:
+def read_table(path: Path, columns: Sequence[str] | None = None) -> dict[str, NDArray[Any]]:
     """The columns of a file, (n,) or (n, width) each; checksums are verified.
 
     Raises DataDamaged if it is sealed and not as it was written; so does ``table_facts``. Raises
     Excessive for one that unpacks out of all proportion.
     """
     require_as_written(path)
-    _require_proportion(path, limits)
+    _require_proportion(path)
     return cells_of(pq.read_table(path, columns=columns, page_checksum_verification=True))
 
 
-def _require_proportion(path: Path, limits: Limits) -> None:
+def _require_proportion(path: Path) -> None:
     """Rows that are all equal take no room in a file, but do in memory."""
     metadata = pq.read_metadata(path)
     types = [field.type for field in metadata.schema.to_arrow_schema()]
     widths = (t.list_size if pa.types.is_fixed_size_list(t) else 1 for t in types)
     size_bytes = metadata.num_rows * 8 * sum(widths)
-    if size_bytes > max(limits.table_ratio_floor_bytes, limits.table_ratio * path.stat().st_size):
+    if size_bytes > max(LIMITS.table_ratio_floor_bytes, LIMITS.table_ratio * path.stat().st_size):
         reason = (
-            f"{metadata.num_rows:,} rows unpack to more than {limits.table_ratio} times the file"
+            f"{metadata.num_rows:,} rows unpack to more than {LIMITS.table_ratio} times the file"
         )
         raise Excessive(reason, "table_ratio")
 

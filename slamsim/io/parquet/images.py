@@ -19,7 +19,6 @@ from slamsim.cameras.codecs.depth import DEPTH_HEAD_BYTES, decode_compressed_dep
 from slamsim.cameras.codecs.pictures import decode_picture, encode_png
 from slamsim.cameras.codecs.planes import pack_planes, unpack_planes
 from slamsim.cameras.frames import metres
-from slamsim.guard.limits import LIMITS
 from slamsim.guard.pictures import require_size
 from slamsim.io.parquet.file import Cells, Column, ParquetFile
 from slamsim.io.ros.images import info_topic
@@ -113,7 +112,7 @@ def pixels_of(encoding: str, data: bytes, size: tuple[int, int]) -> NDArray[Any]
     kind = encoding.partition(";")[0]
     if encoding.endswith(_PLANES):
         dtype, channels = _stored_as(kind)
-        require_size(*size, channels * np.dtype(dtype).itemsize, LIMITS)
+        require_size(*size, channels * np.dtype(dtype).itemsize)
         shape = (size[1], size[0], channels) if channels > 1 else (size[1], size[0])
         pixels = unpack_planes(data, shape, dtype)
     elif "compressedDepth" in encoding:

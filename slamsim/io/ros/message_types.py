@@ -17,7 +17,7 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from rosbags.typesys.store import Typestore
 
 from slamsim.guard.errors import Excessive
-from slamsim.guard.limits import LIMITS, Limits
+from slamsim.guard.limits import LIMITS
 
 WRITTEN_AS = ("ros2msg", "ros1msg", "ros2idl", "omgidl")
 """The ways of writing a definition that are read."""
@@ -151,19 +151,17 @@ _FIELD = re.compile(r"^[ \t]*([A-Za-z]\w*(?:/\w+)*)(?:\[[^\]\n]*\]|<=\d+)*[ \t]+
 _NEXT_TYPE = re.compile(r"^=+[ \t]*\nMSG:[ \t]*(\S+)[ \t]*$", re.MULTILINE)
 
 
-def inflate(
-    data: bytes | memoryview, compression: str, size: int, limits: Limits = LIMITS
-) -> bytes:
+def inflate(data: bytes | memoryview, compression: str, size: int) -> bytes:
     """The content of a chunk that is announced to be ``size`` bytes long.
 
     Never makes more than one byte beyond that. Raises Excessive when the announcement is
     out of all proportion, ValueError when the content does not keep to it.
     """
-    if size > limits.bag_chunk_bytes:
-        reason = f"a chunk of {size:,} bytes, at most {limits.bag_chunk_bytes:,} are read"
+    if size > LIMITS.bag_chunk_bytes:
+        reason = f"a chunk of {size:,} bytes, at most {LIMITS.bag_chunk_bytes:,} are read"
         raise Excessive(reason, "bag_chunk_bytes")
-    if size > max(limits.bag_ratio_floor_bytes, limits.bag_ratio * len(data)):
-        reason = f"a chunk unpacks to more than {limits.bag_ratio} times its size"
+    if size > max(LIMITS.bag_ratio_floor_bytes, LIMITS.bag_ratio * len(data)):
+        reason = f"a chunk unpacks to more than {LIMITS.bag_ratio} times its size"
         raise Excessive(reason, "bag_ratio")
     if compression in ("", "none"):
         content = bytes(data)
@@ -185,7 +183,7 @@ def inflate(
     return content
 
 
-def check_definitions(definitions: Iterable[tuple[str, str]], limits: Limits = LIMITS) -> None:
+def check_definitions(definitions: Iterable[tuple[str, str]]) -> None:
     """Refuses message definitions that would blow up the code generated from them.
 
     rosbags unrolls fixed arrays and executes what it generates; a type that holds itself
@@ -193,15 +191,15 @@ def check_definitions(definitions: Iterable[tuple[str, str]], limits: Limits = L
     """
     holds: dict[str, set[str]] = {}
     for name, text in definitions:
-        if len(text) > limits.bag_definition_characters:
+        if len(text) > LIMITS.bag_definition_characters:
             reason = f"the definition of {name[:60]} is {len(text):,} characters long"
             raise Excessive(reason, "bag_definition_characters")
-        if len(_FIELD.findall(text)) > limits.bag_definition_fields:
-            reason = f"{name[:60]} has more than {limits.bag_definition_fields} fields"
+        if len(_FIELD.findall(text)) > LIMITS.bag_definition_fields:
+            reason = f"{name[:60]} has more than {LIMITS.bag_definition_fields} fields"
             raise Excessive(reason, "bag_definition_fields")
         for match in _ARRAY.finditer(text):
             digits = match[1] or match[2]
-            if len(digits) > 9 or int(digits) > limits.bag_array_elements:
+            if len(digits) > 9 or int(digits) > LIMITS.bag_array_elements:
                 reason = f"{name[:60]} has an array of {digits[:20]} elements"
                 raise Excessive(reason, "bag_array_elements")
         parts = _NEXT_TYPE.split(text)

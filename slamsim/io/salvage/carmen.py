@@ -12,7 +12,7 @@ from typing import IO
 from slamsim.core.progress import Progress
 from slamsim.guard.errors import Excessive, InputRefused
 from slamsim.guard.files import open_as_found
-from slamsim.guard.limits import LIMITS, Limits
+from slamsim.guard.limits import LIMITS
 from slamsim.guard.unpacking import require_proportion
 from slamsim.io.carmen.lines import MEASURING, LaserLine, OdomLine, parse_line
 from slamsim.io.salvage.report import Recovered, RecoveryReport, recovered
@@ -48,7 +48,7 @@ class _Lines:
     """Cuts text into lines and keeps the whole ones."""
 
     def __init__(self, out: _Out, report: RecoveryReport) -> None:
-        self._out, self._report, self._limits = out, report, LIMITS
+        self._out, self._report = out, report
         self._rest = b""
         self._is_inside = False
         self._number, self._total = 0, 0
@@ -57,7 +57,7 @@ class _Lines:
         """The next piece of text."""
         self._total += len(text.data)
         try:
-            require_proportion(self._total, self._number, text.read, self._limits)
+            require_proportion(self._total, self._number, text.read)
         except Excessive as error:
             raise InputRefused(self._report.path, str(error), limit=error.limit) from None
         *lines, self._rest = (self._rest + text.data).split(b"\n")
@@ -67,7 +67,7 @@ class _Lines:
                 self._is_inside = False
             else:
                 self._keep(line, text.read)
-        if len(self._rest) > self._limits.text_line_bytes:
+        if len(self._rest) > LIMITS.text_line_bytes:
             self._drop(text.read, "a line without an end")
 
     def interrupt(self, hole: Hole) -> None:
@@ -88,7 +88,7 @@ class _Lines:
     def _keep(self, line: bytes, read: int) -> None:
         words = line.decode("utf-8-sig", errors="replace").split()
         try:
-            found = _parsed(words, line, self._limits)
+            found = _parsed(words, line)
         except ValueError as error:
             gone = {words[0]: 1} if words and words[0] in MEASURING else {}
             self._report.lose(read - len(line), len(line), f"line {self._number}: {error}", gone)
@@ -102,9 +102,9 @@ class _Lines:
         self._rest, self._is_inside = b"", True
 
 
-def _parsed(words: list[str], line: bytes, limits: Limits) -> LaserLine | OdomLine | None:
+def _parsed(words: list[str], line: bytes) -> LaserLine | OdomLine | None:
     """What a line measures, if it measures anything; ValueError unless it is a whole line."""
-    if b"\0" in line or len(line) > limits.text_line_bytes:
+    if b"\0" in line or len(line) > LIMITS.text_line_bytes:
         raise ValueError("not a line of text")
     return parse_line(words) if words and not words[0].startswith("#") else None
 

@@ -16,7 +16,6 @@ from slamsim.cameras.frames import EncodedFrame
 from slamsim.core.layers import SemanticLayer
 from slamsim.core.types import Float32Array, FloatArray, Grid, IntArray
 from slamsim.guard.errors import InputRefused, NotFound
-from slamsim.guard.limits import LIMITS
 from slamsim.guard.numbers import BadNumbers
 from slamsim.guard.pictures import require_size
 from slamsim.io.cameras.base import Cameras, pairs_of
@@ -147,7 +146,7 @@ def _labels(message: Any) -> tuple[Kind, NDArray[Any]]:
     """(h, w) int32. Raises ValueError for an image that is cut off, Excessive beyond limits."""
     dtype = np.dtype((">" if message.is_bigendian else "<") + ENCODINGS[message.encoding])
     height, width, step = int(message.height), int(message.width), int(message.step)
-    require_size(width, height, dtype.itemsize, LIMITS)
+    require_size(width, height, dtype.itemsize)
     data = np.asarray(message.data, np.uint8)
     if step < width * dtype.itemsize or data.size < step * height:
         raise ValueError(f"is cut off: {data.size:,} bytes for {height} rows of {step:,}")

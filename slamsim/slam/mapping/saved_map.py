@@ -18,7 +18,6 @@ from slamsim.core.result import GraphEdge
 from slamsim.core.types import FloatArray
 from slamsim.guard.errors import InputRefused
 from slamsim.guard.files import read_input
-from slamsim.guard.limits import LIMITS, Limits
 from slamsim.guard.output import write_atomic
 from slamsim.models.wheel_gyro import PARAMETERS, ROWS
 from slamsim.slam.backend.columns import Columns, Shape, from_columns, to_columns
@@ -103,9 +102,9 @@ def write_saved_map(path: Path, saved: SavedMap) -> None:
     write_atomic(path, file.getvalue())
 
 
-def read_saved_map(path: Path, limits: Limits = LIMITS) -> SavedMap:
+def read_saved_map(path: Path) -> SavedMap:
     """Raises NotFound, or InputRefused for a file that is damaged or none of these."""
-    data = read_input(path, "saved_map_bytes", limits)
+    data = read_input(path, "saved_map_bytes")
     try:
         return _checked(_arrays(data))
     except (ValueError, KeyError, TypeError, OverflowError, EOFError, GraphUnsound) as error:
