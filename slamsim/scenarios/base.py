@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol, TypeVar
+from typing import Any, Generic, Literal, TypeVar
 
 from numpy.typing import NDArray
 
@@ -17,7 +17,7 @@ Row = Mapping[str, Value]
 Who = Literal["slamsim", "unity", "gazebo", "reality", "theory"]
 """Whose result: each has its own colour in every figure."""
 
-Settings_contra = TypeVar("Settings_contra", bound=Config, contravariant=True)
+Settings = TypeVar("Settings", bound=Config)
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,16 +151,16 @@ class ScenarioResult:
     busy_s: float = 0.0
 
 
-class Scenario(Protocol[Settings_contra]):
-    """One of the nine. All its methods are pure functions of what they are given."""
+@dataclass(frozen=True)
+class Scenario(Generic[Settings]):
+    """One of the nine. All its functions are pure.
+
+    engine: parameters of the physics engine that its trials use, as they stand in the report.
+    trials: the work for settings and seed, in the order in which it is reported. conclude: what
+    the outcomes, in the order of the trials, say; some may be missing.
+    """
 
     title: str
-
-    def engine(self, config: Settings_contra) -> Row:
-        """Parameters of the physics engine that its trials use, as they stand in the report."""
-
-    def trials(self, config: Settings_contra, seed: int) -> Sequence[Trial]:
-        """The work, in the order in which it is told of."""
-
-    def conclude(self, config: Settings_contra, outcomes: Sequence[Outcome]) -> Findings:
-        """What the outcomes, in the order of the trials, say. Some may be missing."""
+    engine: Callable[[Settings], Row]
+    trials: Callable[[Settings, int], Sequence[Trial]]
+    conclude: Callable[[Settings, Sequence[Outcome]], Findings]

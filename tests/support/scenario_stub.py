@@ -20,6 +20,7 @@ from slamsim.scenarios.base import (
     Outcome,
     ResultTable,
     Row,
+    Scenario,
     Series,
     Solid,
     Trial,
@@ -41,38 +42,33 @@ class StubConfig(Config):
     """Whether anything can be concluded."""
 
 
-class StubScenario:
-    title = f"Squares {HOSTILE}"
+def _trials(config: StubConfig, seed: int) -> Sequence[Trial]:
+    return [
+        Trial(f"number {k}", partial(square, k, seed, config.ways.get(str(k), "well")), k % 3)
+        for k in range(config.trials)
+    ]
 
-    def engine(self, config: StubConfig) -> Row:
-        return {"time_step_s": 0.01, "solver": HOSTILE}
 
-    def trials(self, config: StubConfig, seed: int) -> Sequence[Trial]:
-        return [
-            Trial(f"number {k}", partial(square, k, seed, config.ways.get(str(k), "well")), k % 3)
-            for k in range(config.trials)
-        ]
-
-    def conclude(self, config: StubConfig, outcomes: Sequence[Outcome]) -> Findings:
-        if not config.conclusive:
-            raise KeyError("square")
-        x = np.array([outcome.values["number"] for outcome in outcomes], dtype=np.float64)
-        y = np.array([outcome.values["square"] for outcome in outcomes], dtype=np.float64)
-        curves = (
-            Series(f"ours {HOSTILE}", "slamsim", x, y, "line+points"),
-            Series("theory", "theory", x, x**2, dashed=True),
-        )
-        return Findings(
-            lead=f"Squares grow {HOSTILE}.",
-            numbers={"largest": y.max()},
-            verdicts=(
-                Verdict("squares grow", "theory", True, f"{len(y)} of them {HOSTILE}"),
-                Verdict("they shrink", "study", False, "not at all"),
-                Verdict("they are blue", "reality", None, ""),
-            ),
-            sheets=(ResultTable(f"Numbers {HOSTILE}", ("n", "n²"), ((HOSTILE, "0"),), HOSTILE),),
-            charts=(Chart(f"Squares {HOSTILE}", "n", "n² [m] $x", curves, note=HOSTILE),),
-        )
+def _conclude(config: StubConfig, outcomes: Sequence[Outcome]) -> Findings:
+    if not config.conclusive:
+        raise KeyError("square")
+    x = np.array([outcome.values["number"] for outcome in outcomes], dtype=np.float64)
+    y = np.array([outcome.values["square"] for outcome in outcomes], dtype=np.float64)
+    curves = (
+        Series(f"ours {HOSTILE}", "slamsim", x, y, "line+points"),
+        Series("theory", "theory", x, x**2, dashed=True),
+    )
+    return Findings(
+        lead=f"Squares grow {HOSTILE}.",
+        numbers={"largest": y.max()},
+        verdicts=(
+            Verdict("squares grow", "theory", True, f"{len(y)} of them {HOSTILE}"),
+            Verdict("they shrink", "study", False, "not at all"),
+            Verdict("they are blue", "reality", None, ""),
+        ),
+        sheets=(ResultTable(f"Numbers {HOSTILE}", ("n", "n²"), ((HOSTILE, "0"),), HOSTILE),),
+        charts=(Chart(f"Squares {HOSTILE}", "n", "n² [m] $x", curves, note=HOSTILE),),
+    )
 
 
 def square(number: int, seed: int, way: Way) -> Outcome:
@@ -97,4 +93,9 @@ def square(number: int, seed: int, way: Way) -> Outcome:
     return Outcome(values, motions, {"path": moved.positions_m})
 
 
-SCENARIO = StubScenario()
+SCENARIO = Scenario[StubConfig](
+    f"Squares {HOSTILE}",
+    lambda config: {"time_step_s": 0.01, "solver": HOSTILE},
+    _trials,
+    _conclude,
+)

@@ -14,7 +14,7 @@ from slamsim.config.scenarios.robots import SCENARIO_PHYSICS
 from slamsim.core.types import FloatArray
 from slamsim.guard.errors import SlamsimError
 from slamsim.models.differential_drive import wheel_odometry
-from slamsim.scenarios.base import Findings, Outcome, Row, Trial
+from slamsim.scenarios.base import Findings, Outcome, Row, Scenario, Trial
 from slamsim.scenarios.identify.model import VARYING, Body, Runs
 from slamsim.scenarios.run import Chosen, Listener, run_scenarios
 from slamsim.scenarios.scripted import (
@@ -117,7 +117,12 @@ def simulated(
     draws: (m, runs, 4) as of an Experiment. Runs of the same draws are driven once. Raises
     SlamsimError naming the first run that failed.
     """
-    check = _Check(robot, draws)
+    check = Scenario[MeasurementsConfig](
+        "Check in the physics engine",
+        lambda _: engine_parameters(SCENARIO_PHYSICS),
+        partial(_trials, robot, draws),
+        lambda *_: Findings("", {}, ()),
+    )
     (result,) = run_scenarios([Chosen(robot.name, check, config)], 0, jobs=jobs, listen=listen)
     if result.failures:
         label, reason = result.failures[0]
@@ -155,35 +160,24 @@ def _parts(config: MeasurementsConfig, draws: FloatArray) -> dict[str, FloatArra
     return dict(zip((STRAIGHT, *WAYS), parts, strict=True))
 
 
-class _Check:
-    """The experiments as trials of a scenario, so that they run side by side."""
-
-    title = "Check in the physics engine"
-
-    def __init__(self, robot: RobotConfig, draws: FloatArray) -> None:
-        self._robot, self._draws = robot, draws
-
-    def engine(self, config: MeasurementsConfig) -> Row:
-        return engine_parameters(SCENARIO_PHYSICS)
-
-    def trials(self, config: MeasurementsConfig, seed: int) -> Sequence[Trial]:
-        squares, side_m = config.umbmark, config.umbmark.side_m
-        commands = {
-            STRAIGHT: straight_commands(config.basic_drive),
-            **{way: square_commands(squares, side_m, left=way == WAYS[1]) for way in WAYS},
-        }
-        return [
-            Trial(
-                f"{script}, {key}",
-                partial(_play, varied(self._robot, draw), script, key, commands[script]),
-                cost=SECONDS_OF_CORE * sum(command.duration_s for command in commands[script]),
-            )
-            for script, some in _parts(config, self._draws).items()
-            for key, draw in {_key(draw): draw for draw in some.reshape(-1, len(VARYING))}.items()
-        ]
-
-    def conclude(self, config: MeasurementsConfig, outcomes: Sequence[Outcome]) -> Findings:
-        return Findings("", {}, ())
+def _trials(
+    robot: RobotConfig, draws: FloatArray, config: MeasurementsConfig, seed: int
+) -> Sequence[Trial]:
+    """The experiments, so that they run side by side; nothing else is random."""
+    squares, side_m = config.umbmark, config.umbmark.side_m
+    commands = {
+        STRAIGHT: straight_commands(config.basic_drive),
+        **{way: square_commands(squares, side_m, left=way == WAYS[1]) for way in WAYS},
+    }
+    return [
+        Trial(
+            f"{script}, {key}",
+            partial(_play, varied(robot, draw), script, key, commands[script]),
+            cost=SECONDS_OF_CORE * sum(command.duration_s for command in commands[script]),
+        )
+        for script, some in _parts(config, draws).items()
+        for key, draw in {_key(draw): draw for draw in some.reshape(-1, len(VARYING))}.items()
+    ]
 
 
 def _key(draw: FloatArray) -> str:

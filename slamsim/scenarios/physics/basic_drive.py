@@ -12,7 +12,7 @@ from slamsim.config.robot import MotorConfig, RobotConfig, VariationConfig
 from slamsim.config.scenarios.robots import BasicDriveConfig
 from slamsim.core.types import FloatArray
 from slamsim.models.differential_drive import wheel_odometry
-from slamsim.scenarios.base import Findings, Outcome, Row, Trial
+from slamsim.scenarios.base import Outcome, Scenario, Trial
 from slamsim.scenarios.physics.basic_drive_findings import stops_found
 from slamsim.scenarios.scripted import (
     SECONDS_OF_CORE,
@@ -33,35 +33,35 @@ from slamsim.sim.robot.model import build_robot
 PATH_HZ = 10
 
 
-class BasicDrive:
-    """The study's seventh scenario."""
+def _trials(config: BasicDriveConfig, seed: int) -> Sequence[Trial]:
+    """Every robot as often as it differs from run to run, and one of ideal motors."""
+    lasting_s = 2 * len(config.speeds_m_s) * (config.drive_s + config.rest_s)
+    return [
+        Trial(
+            f"{robot.name}, run {run + 1}",
+            partial(
+                drive_once,
+                robot,
+                config,
+                run,
+                run_seed(seed, "basic_drive", robot.name, str(run)),
+            ),
+            cost=SECONDS_OF_CORE * lasting_s,
+        )
+        for robot in _robots(config)
+        for run in range(robot.runs(config.runs))
+    ]
 
-    title = "Basic drive"
 
-    def engine(self, config: BasicDriveConfig) -> Row:
-        return engine_parameters(config.physics)
-
-    def trials(self, config: BasicDriveConfig, seed: int) -> Sequence[Trial]:
-        """Every robot as often as it differs from run to run, and one of ideal motors."""
-        lasting_s = 2 * len(config.speeds_m_s) * (config.drive_s + config.rest_s)
-        return [
-            Trial(
-                f"{robot.name}, run {run + 1}",
-                partial(
-                    drive_once,
-                    robot,
-                    config,
-                    run,
-                    run_seed(seed, "basic_drive", robot.name, str(run)),
-                ),
-                cost=SECONDS_OF_CORE * lasting_s,
-            )
-            for robot in _robots(config)
-            for run in range(robot.runs(config.runs))
-        ]
-
-    def conclude(self, config: BasicDriveConfig, outcomes: Sequence[Outcome]) -> Findings:
-        return stops_found(config, outcomes, [robot.name for robot in _robots(config)])
+SCENARIO = Scenario[BasicDriveConfig](
+    "Basic drive",
+    lambda config: engine_parameters(config.physics),
+    _trials,
+    lambda config, outcomes: stops_found(
+        config, outcomes, [robot.name for robot in _robots(config)]
+    ),
+)
+"""The study's seventh scenario."""
 
 
 def ideal_twin(robot: RobotConfig) -> Tested:
@@ -109,6 +109,3 @@ def _stop_values(stops: FloatArray, odometry: FloatArray) -> dict[str, float]:
         values[f"stop_{number}_odometry_x_m"] = float(told[0])
         values[f"stop_{number}_odometry_y_m"] = float(told[1])
     return values
-
-
-SCENARIO = BasicDrive()

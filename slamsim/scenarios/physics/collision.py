@@ -20,7 +20,7 @@ from slamsim.config.scenarios.bodies import STANDARD, CollisionConfig, SolverCon
 from slamsim.core.geometry import xyzw_from_matrix
 from slamsim.core.randomness import random_stream
 from slamsim.core.types import FloatArray, Trajectory
-from slamsim.scenarios.base import BodyMotion, Findings, Outcome, Row, Solid, Trial, Value
+from slamsim.scenarios.base import BodyMotion, Outcome, Scenario, Solid, Trial, Value
 from slamsim.scenarios.film import POSES_PER_S, filmed
 from slamsim.scenarios.physics.collision_findings import collision_findings
 from slamsim.sim.bodies import (
@@ -38,40 +38,31 @@ FACE_M = 0.02
 QUARTILES = {"least": 0.0, "quarter": 0.25, "median": 0.5, "three_quarters": 0.75, "most": 1.0}
 
 
-class Collision:
-    """Scenario 2 of the study."""
-
-    title = "Collision: penetration of spheres in an inverted pyramid"
-
-    def engine(self, config: CollisionConfig) -> Row:
-        """See ``engine_settings``."""
-        return engine_settings(config.solver)
-
-    def trials(self, config: CollisionConfig, seed: int) -> Sequence[Trial]:
-        """All falls of one time step are one trial; then those of the other solvers."""
-        steps_s = config.steps.values_s()
-        shown_s = steps_s[len(steps_s) // 2]
-        more_s = [step_s for step_s in config.other_steps_s if step_s not in steps_s]
-        standard = [(STANDARD, step_s) for step_s in sorted({*steps_s, *more_s})]
-        others = [
-            (name, step_s) for name in config.other_solvers for step_s in config.other_steps_s
-        ]
-        solvers = all_solvers(config)
-        return [
-            Trial(
-                f"{name} {step_s:g} s",
-                partial(falls, config, name, step_s, seed, (name, step_s) == (STANDARD, shown_s)),
-                _cost_s(config, solvers[name], step_s),
-            )
-            for name, step_s in standard + others
-        ]
-
-    def conclude(self, config: CollisionConfig, outcomes: Sequence[Outcome]) -> Findings:
-        """See ``collision_findings``."""
-        return collision_findings(config, [outcome.values for outcome in outcomes])
+def _trials(config: CollisionConfig, seed: int) -> Sequence[Trial]:
+    """All falls of one time step are one trial; then those of the other solvers."""
+    steps_s = config.steps.values_s()
+    shown_s = steps_s[len(steps_s) // 2]
+    more_s = [step_s for step_s in config.other_steps_s if step_s not in steps_s]
+    standard = [(STANDARD, step_s) for step_s in sorted({*steps_s, *more_s})]
+    others = [(name, step_s) for name in config.other_solvers for step_s in config.other_steps_s]
+    solvers = all_solvers(config)
+    return [
+        Trial(
+            f"{name} {step_s:g} s",
+            partial(falls, config, name, step_s, seed, (name, step_s) == (STANDARD, shown_s)),
+            _cost_s(config, solvers[name], step_s),
+        )
+        for name, step_s in standard + others
+    ]
 
 
-SCENARIO = Collision()
+SCENARIO = Scenario[CollisionConfig](
+    "Collision: penetration of spheres in an inverted pyramid",
+    lambda config: engine_settings(config.solver),
+    _trials,
+    lambda config, outcomes: collision_findings(config, [outcome.values for outcome in outcomes]),
+)
+"""Scenario 2 of the study."""
 
 
 def falls(

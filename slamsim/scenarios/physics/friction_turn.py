@@ -16,7 +16,7 @@ from slamsim.scenarios.base import (
     Findings,
     Outcome,
     ResultTable,
-    Row,
+    Scenario,
     Series,
     Solid,
     Trial,
@@ -32,28 +32,17 @@ from slamsim.sim.robot.model import RobotModel, build_robot
 SHOWN_HZ = 20
 
 
-class FrictionTurn:
-    """The study's sixth scenario."""
-
-    title = "Friction turn"
-
-    def engine(self, config: FrictionTurnConfig) -> Row:
-        return engine_parameters(config.physics)
-
-    def trials(self, config: FrictionTurnConfig, seed: int) -> Sequence[Trial]:
-        """Each motor on each friction."""
-        return [
-            Trial(
-                f"{motor} motors, friction {friction:g}",
-                partial(drive_against, motor, friction, config),
-                SECONDS_OF_CORE * config.duration_s,
-            )
-            for motor in config.motors
-            for friction in config.body_frictions
-        ]
-
-    def conclude(self, config: FrictionTurnConfig, outcomes: Sequence[Outcome]) -> Findings:
-        return turn_found(config, outcomes)
+def _trials(config: FrictionTurnConfig, seed: int) -> Sequence[Trial]:
+    """Each motor on each friction."""
+    return [
+        Trial(
+            f"{motor} motors, friction {friction:g}",
+            partial(drive_against, motor, friction, config),
+            SECONDS_OF_CORE * config.duration_s,
+        )
+        for motor in config.motors
+        for friction in config.body_frictions
+    ]
 
 
 def drive_against(motor: str, friction: float, config: FrictionTurnConfig) -> Outcome:
@@ -114,9 +103,6 @@ def corners_m(box: Block) -> FloatArray:
     around = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1], [1, 1]]) * half
     cos, sin = math.cos(box.yaw_rad), math.sin(box.yaw_rad)
     return np.asarray(around @ np.array([[cos, sin], [-sin, cos]]) + box.position_m[:2])
-
-
-SCENARIO = FrictionTurn()
 
 
 STUDY_CONTACT_S = 1.3
@@ -249,3 +235,9 @@ def _path_chart(outcomes: Sequence[Outcome]) -> Chart:
     ]
     box = [Series("box", "theory", *one.arrays["corners_m"].T) for one in outcomes[:1]]
     return Chart("Path along the box", "x [m]", "y [m]", (*paths, *box), equal=True)
+
+
+SCENARIO = Scenario[FrictionTurnConfig](
+    "Friction turn", lambda config: engine_parameters(config.physics), _trials, turn_found
+)
+"""The study's sixth scenario."""

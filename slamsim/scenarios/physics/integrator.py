@@ -15,7 +15,7 @@ import numpy as np
 
 from slamsim.config.scenarios.bodies import STANDARD, IntegratorConfig, all_solvers
 from slamsim.core.types import GRAVITY_M_S2
-from slamsim.scenarios.base import BodyMotion, Findings, Outcome, Row, Trial, Value
+from slamsim.scenarios.base import BodyMotion, Outcome, Scenario, Trial, Value
 from slamsim.scenarios.film import POSES_PER_S, filmed
 from slamsim.scenarios.physics.integrator_findings import integrator_findings
 from slamsim.sim.bodies import (
@@ -31,38 +31,29 @@ from slamsim.sim.bodies import (
 NOTHING = BodySurroundings(np.zeros((0, 3)), friction=0.0)
 
 
-class Integrator:
-    """Scenario 3 of the study."""
-
-    title = "Integrator: a free fall beside theory"
-
-    def engine(self, config: IntegratorConfig) -> Row:
-        """See ``engine_settings``."""
-        return engine_settings(config.solver)
-
-    def trials(self, config: IntegratorConfig, seed: int) -> Sequence[Trial]:
-        """A fall for each time step; then the other solvers. Nothing in it is random."""
-        steps_s = config.steps.values_s()
-        shown_s = steps_s[len(steps_s) // 2]
-        standard = [(STANDARD, step_s) for step_s in steps_s]
-        others = [
-            (name, step_s) for name in config.other_solvers for step_s in config.other_steps_s
-        ]
-        return [
-            Trial(
-                f"{name} {step_s:g} s",
-                partial(fall, config, name, step_s, (name, step_s) == (STANDARD, shown_s)),
-                2e-6 * config.duration_s / step_s,
-            )
-            for name, step_s in standard + others
-        ]
-
-    def conclude(self, config: IntegratorConfig, outcomes: Sequence[Outcome]) -> Findings:
-        """See ``integrator_findings``."""
-        return integrator_findings(config, [outcome.values for outcome in outcomes])
+def _trials(config: IntegratorConfig, seed: int) -> Sequence[Trial]:
+    """A fall for each time step; then the other solvers. Nothing in it is random."""
+    steps_s = config.steps.values_s()
+    shown_s = steps_s[len(steps_s) // 2]
+    standard = [(STANDARD, step_s) for step_s in steps_s]
+    others = [(name, step_s) for name in config.other_solvers for step_s in config.other_steps_s]
+    return [
+        Trial(
+            f"{name} {step_s:g} s",
+            partial(fall, config, name, step_s, (name, step_s) == (STANDARD, shown_s)),
+            2e-6 * config.duration_s / step_s,
+        )
+        for name, step_s in standard + others
+    ]
 
 
-SCENARIO = Integrator()
+SCENARIO = Scenario[IntegratorConfig](
+    "Integrator: a free fall beside theory",
+    lambda config: engine_settings(config.solver),
+    _trials,
+    lambda config, outcomes: integrator_findings(config, [outcome.values for outcome in outcomes]),
+)
+"""Scenario 3 of the study."""
 
 
 def fall(config: IntegratorConfig, name: str, step_s: float, shown: bool = False) -> Outcome:

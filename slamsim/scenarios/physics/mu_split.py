@@ -10,7 +10,7 @@ import numpy as np
 
 from slamsim.config.robot import RobotConfig
 from slamsim.config.scenarios.robots import MuSplitConfig
-from slamsim.scenarios.base import Findings, Outcome, Row, Trial
+from slamsim.scenarios.base import Outcome, Scenario, Trial
 from slamsim.scenarios.physics.mu_split_findings import split_found
 from slamsim.scenarios.scripted import SECONDS_OF_CORE, robot_motion, true_poses
 from slamsim.sim.drive.script import CONTROL_HZ, Command, Forces, ScriptedRun, scripted_run
@@ -44,24 +44,18 @@ class _Case:
         return robot.model_copy(update={"motor": motor, "support_wheels": supports})
 
 
-class MuSplit:
-    """The study's fourth scenario."""
+def _trials(config: MuSplitConfig, seed: int) -> Sequence[Trial]:
+    """Each motor on each friction; on the lowest one, each drag of the supports as well."""
+    cost = SECONDS_OF_CORE * config.duration_s
+    return [
+        Trial(case.label, partial(drive_split, case, config), cost=cost) for case in _cases(config)
+    ]
 
-    title = "µ-split"
 
-    def engine(self, config: MuSplitConfig) -> Row:
-        return engine_parameters(config.physics)
-
-    def trials(self, config: MuSplitConfig, seed: int) -> Sequence[Trial]:
-        """Each motor on each friction; on the lowest one, each drag of the supports as well."""
-        cost = SECONDS_OF_CORE * config.duration_s
-        return [
-            Trial(case.label, partial(drive_split, case, config), cost=cost)
-            for case in _cases(config)
-        ]
-
-    def conclude(self, config: MuSplitConfig, outcomes: Sequence[Outcome]) -> Findings:
-        return split_found(config, outcomes)
+SCENARIO = Scenario[MuSplitConfig](
+    "µ-split", lambda config: engine_parameters(config.physics), _trials, split_found
+)
+"""The study's fourth scenario."""
 
 
 def _cases(config: MuSplitConfig) -> list[_Case]:
@@ -161,6 +155,3 @@ def _inertia_about_left(model: RobotModel) -> float:
     whole = model.description.whole()
     arm_m = np.array([whole.centre_m[0], whole.centre_m[1] - 0.5 * model.track_m])
     return float(whole.inertia_kg_m2[2, 2] + whole.mass_kg * (arm_m @ arm_m))
-
-
-SCENARIO = MuSplit()

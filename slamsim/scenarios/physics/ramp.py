@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from slamsim.config.robot import RobotConfig
 from slamsim.config.scenarios.robots import ClimbConfig, HandConfig, RampConfig
 from slamsim.core.types import GRAVITY_M_S2, FloatArray, Trajectory
-from slamsim.scenarios.base import BodyMotion, Findings, Outcome, Row, Solid, Trial
+from slamsim.scenarios.base import BodyMotion, Outcome, Scenario, Solid, Trial
 from slamsim.scenarios.physics.ramp_findings import ramp_found
 from slamsim.scenarios.scripted import SECONDS_OF_CORE, duration_s, robot_motion, true_poses
 from slamsim.sim.drive.script import Command, ScriptedRun, scripted_run
@@ -26,29 +26,24 @@ RAMP_M = (4.0, 1.0, 0.02)
 SHOWN = {("proportional", 20.0), ("velocity", 36.0)}
 
 
-class Ramp:
-    """The study's fifth scenario."""
+def _trials(config: RampConfig, seed: int) -> Sequence[Trial]:
+    """Each kind of motor on each slope, then held by a hand, on springs and without."""
+    climbs = [
+        Trial(
+            f"{name} motors, {slope_deg:g}°",
+            partial(climb, name, climbed, slope_deg, config),
+            SECONDS_OF_CORE * config.duration_s,
+        )
+        for name, climbed in config.climbs.items()
+        for slope_deg in config.slopes_deg
+    ]
+    return [*climbs, *(_held_trials(config, config.hand) if config.hand else [])]
 
-    title = "Ramp"
 
-    def engine(self, config: RampConfig) -> Row:
-        return engine_parameters(config.physics)
-
-    def trials(self, config: RampConfig, seed: int) -> Sequence[Trial]:
-        """Each kind of motor on each slope, then held by a hand, on springs and without."""
-        climbs = [
-            Trial(
-                f"{name} motors, {slope_deg:g}°",
-                partial(climb, name, climbed, slope_deg, config),
-                SECONDS_OF_CORE * config.duration_s,
-            )
-            for name, climbed in config.climbs.items()
-            for slope_deg in config.slopes_deg
-        ]
-        return [*climbs, *(_held_trials(config, config.hand) if config.hand else [])]
-
-    def conclude(self, config: RampConfig, outcomes: Sequence[Outcome]) -> Findings:
-        return ramp_found(config, outcomes)
+SCENARIO = Scenario[RampConfig](
+    "Ramp", lambda config: engine_parameters(config.physics), _trials, ramp_found
+)
+"""The study's fifth scenario."""
 
 
 def _held_trials(config: RampConfig, hand: HandConfig) -> list[Trial]:
@@ -179,6 +174,3 @@ def pitches_deg(run: ScriptedRun) -> FloatArray:
     """(n,) about the robot's y axis; negative where the front is up."""
     x, y, z, w = run.drive.quats_xyzw.T
     return np.asarray(np.degrees(np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0))))
-
-
-SCENARIO = Ramp()

@@ -14,7 +14,7 @@ import numpy as np
 
 from slamsim.config.scenarios.bodies import STANDARD, SolverConfig, StackingConfig, all_solvers
 from slamsim.core.types import GRAVITY_M_S2, FloatArray
-from slamsim.scenarios.base import BodyMotion, Findings, Outcome, Row, Trial, Value
+from slamsim.scenarios.base import BodyMotion, Outcome, Scenario, Trial, Value
 from slamsim.scenarios.film import POSES_PER_S, filmed
 from slamsim.scenarios.physics.stack_run import StackRun, leaving_of, run_stack, sway_of
 from slamsim.scenarios.physics.stacking_findings import stacking_findings
@@ -74,52 +74,45 @@ SETTLED_S = 1.0
 """From then on the floor's load is compared with the weight of the stack."""
 
 
-class Stacking:
-    """Scenario 1 of the study."""
-
-    title = "Stacking: how many boxes stand"
-
-    def engine(self, config: StackingConfig) -> Row:
-        """See ``engine_settings``."""
-        return engine_settings(config.solver)
-
-    def trials(self, config: StackingConfig, seed: int) -> Sequence[Trial]:
-        """The smallest collapsing stack for each step; then other solvers, and a given stack."""
-        steps_s = config.steps.values_s()
-        shown_s = steps_s[len(steps_s) // 2]
-        smallest = [
-            Trial(
-                f"step {step_s:g} s",
-                partial(smallest_stack, config, STANDARD, step_s, seed, step_s == shown_s),
-                _cost_s(config, config.solver, step_s),
-            )
-            for step_s in steps_s
-        ]
-        compared = [
-            Trial(
-                f"{name} {step_s:g} s",
-                partial(smallest_stack, config, name, step_s, seed),
-                _cost_s(config, solver, step_s),
-            )
-            for name, solver in config.other_solvers.items()
-            for step_s in config.other_steps_s
-        ]
-        given = [
-            Trial(
-                f"{name}: stack of {config.compared_boxes}",
-                partial(largest_step, config, name, seed),
-                _cost_s(config, solver, 0.02),
-            )
-            for name, solver in all_solvers(config).items()
-        ]
-        return [*smallest, *compared, *given]
-
-    def conclude(self, config: StackingConfig, outcomes: Sequence[Outcome]) -> Findings:
-        """See ``stacking_findings``."""
-        return stacking_findings(config, outcomes)
+def _trials(config: StackingConfig, seed: int) -> Sequence[Trial]:
+    """The smallest collapsing stack for each step; then other solvers, and a given stack."""
+    steps_s = config.steps.values_s()
+    shown_s = steps_s[len(steps_s) // 2]
+    smallest = [
+        Trial(
+            f"step {step_s:g} s",
+            partial(smallest_stack, config, STANDARD, step_s, seed, step_s == shown_s),
+            _cost_s(config, config.solver, step_s),
+        )
+        for step_s in steps_s
+    ]
+    compared = [
+        Trial(
+            f"{name} {step_s:g} s",
+            partial(smallest_stack, config, name, step_s, seed),
+            _cost_s(config, solver, step_s),
+        )
+        for name, solver in config.other_solvers.items()
+        for step_s in config.other_steps_s
+    ]
+    given = [
+        Trial(
+            f"{name}: stack of {config.compared_boxes}",
+            partial(largest_step, config, name, seed),
+            _cost_s(config, solver, 0.02),
+        )
+        for name, solver in all_solvers(config).items()
+    ]
+    return [*smallest, *compared, *given]
 
 
-SCENARIO = Stacking()
+SCENARIO = Scenario[StackingConfig](
+    "Stacking: how many boxes stand",
+    lambda config: engine_settings(config.solver),
+    _trials,
+    stacking_findings,
+)
+"""Scenario 1 of the study."""
 
 
 def smallest_stack(

@@ -12,6 +12,7 @@ from slamsim.scenarios.base import (
     Outcome,
     ResultTable,
     Row,
+    Scenario,
     Series,
     Trial,
     Verdict,
@@ -37,34 +38,34 @@ _TORN_PRECISION = 0.9
 _NO_ERROR_M = 0.001
 
 
-class SlamCase:
-    title = "SLAM case study"
+def _trials(config: SlamCaseConfig, seed: int) -> Sequence[Trial]:
+    return [
+        Trial(variant.name, partial(slam_trial, config, seed, number), _SECONDS)
+        for number, variant in enumerate(VARIANTS)
+    ]
 
-    def engine(self, config: SlamCaseConfig) -> Row:
-        return engine_parameters(config.drive.physics)
 
-    def trials(self, config: SlamCaseConfig, seed: int) -> Sequence[Trial]:
-        return [
-            Trial(variant.name, partial(slam_trial, config, seed, number), _SECONDS)
-            for number, variant in enumerate(VARIANTS)
-        ]
+def _conclude(config: SlamCaseConfig, outcomes: Sequence[Outcome]) -> Findings:
+    found = {str(outcome.values["variant"]): outcome for outcome in outcomes}
+    rows = {name: outcome.values for name, outcome in found.items()}
+    verdicts = (
+        *_rotation(rows),
+        *_time_base(rows, config.delay_s),
+        *_trees(rows),
+        *_checked(rows),
+    )
+    return Findings(
+        lead=_lead(rows),
+        numbers=_numbers(rows),
+        verdicts=verdicts,
+        sheets=(_sheet(rows),),
+        charts=tuple(_maps(found)),
+    )
 
-    def conclude(self, config: SlamCaseConfig, outcomes: Sequence[Outcome]) -> Findings:
-        found = {str(outcome.values["variant"]): outcome for outcome in outcomes}
-        rows = {name: outcome.values for name, outcome in found.items()}
-        verdicts = (
-            *_rotation(rows),
-            *_time_base(rows, config.delay_s),
-            *_trees(rows),
-            *_checked(rows),
-        )
-        return Findings(
-            lead=_lead(rows),
-            numbers=_numbers(rows),
-            verdicts=verdicts,
-            sheets=(_sheet(rows),),
-            charts=tuple(_maps(found)),
-        )
+
+SCENARIO = Scenario[SlamCaseConfig](
+    "SLAM case study", lambda config: engine_parameters(config.drive.physics), _trials, _conclude
+)
 
 
 Rows = Mapping[str, Row]
@@ -284,6 +285,3 @@ def _length(value_m: float | None) -> str:
 def _share(row: Row, key: str) -> str:
     value = _number(row, key)
     return "–" if value is None else f"{100.0 * value:.1f} %"
-
-
-SCENARIO = SlamCase()

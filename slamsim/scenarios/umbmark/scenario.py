@@ -11,7 +11,7 @@ import numpy as np
 
 from slamsim.config.scenarios.robots import UmbmarkConfig
 from slamsim.models.differential_drive import metres_per_tick, wheel_odometry
-from slamsim.scenarios.base import Findings, Outcome, Row, Trial, Value
+from slamsim.scenarios.base import Outcome, Scenario, Trial, Value
 from slamsim.scenarios.scripted import (
     SECONDS_OF_CORE,
     Tested,
@@ -31,20 +31,15 @@ from slamsim.sim.robot.as_built import drawn_robot
 from slamsim.sim.robot.model import build_robot
 
 
-class Umbmark:
-    """The study's eighth scenario, with the calibration that it leaves out."""
+def _trials(config: UmbmarkConfig, seed: int) -> Sequence[Trial]:
+    """Squares of each robot, and single corners on tyres of several frictions."""
+    return [*_squares(config, seed), *_corners(config)]
 
-    title = "UMBmark"
 
-    def engine(self, config: UmbmarkConfig) -> Row:
-        return engine_parameters(config.physics)
-
-    def trials(self, config: UmbmarkConfig, seed: int) -> Sequence[Trial]:
-        """Squares of each robot, and single corners on tyres of several frictions."""
-        return [*_squares(config, seed), *_corners(config)]
-
-    def conclude(self, config: UmbmarkConfig, outcomes: Sequence[Outcome]) -> Findings:
-        return squares_found(config, outcomes)
+SCENARIO = Scenario[UmbmarkConfig](
+    "UMBmark", lambda config: engine_parameters(config.physics), _trials, squares_found
+)
+"""The study's eighth scenario, with the calibration that it leaves out."""
 
 
 def known_faults(config: UmbmarkConfig) -> Tested:
@@ -170,6 +165,3 @@ def turn_corner(config: UmbmarkConfig, friction: float, dragged: bool) -> Outcom
             "odometry_corner_deg": float(np.degrees(told_rad[-1])),
         }
     )
-
-
-SCENARIO = Umbmark()
