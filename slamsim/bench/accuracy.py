@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Generator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import closing
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 
-from slamsim.bench.logs import Children, kept_or_temporary, simulated_log
+from slamsim.bench.logs import Children, each_done, kept_or_temporary, simulated_log
 from slamsim.bench.truth import false_closures, revisits_closed
 from slamsim.config.loading import load_world_config
 from slamsim.config.run import RunConfig
@@ -57,7 +56,10 @@ def run_accuracy(campaign: AccuracyCampaign, reporter: Reporter) -> Figures:
     with (
         kept_or_temporary(campaign.logs) as folder,
         reporter.stage("accuracy") as progress,
-        closing(_all_seeds(campaign, folder)) as done,
+        each_done(
+            [partial(_one_seed, campaign, seed, folder) for seed in campaign.seeds],
+            campaign.workers,
+        ) as done,
     ):
         for figures in done:
             runs.append(figures)
@@ -124,19 +126,6 @@ COUNTED = (
     "revisits",
     "revisits_closed",
 )
-
-
-def _all_seeds(campaign: AccuracyCampaign, folder: Path) -> Generator[Figures]:
-    """Figures of each seed, in the order in which they are done."""
-    with ThreadPoolExecutor(campaign.workers) as threads, Children() as children:
-        futures = [
-            threads.submit(_one_seed, campaign, seed, folder, children) for seed in campaign.seeds
-        ]
-        try:
-            for future in as_completed(futures):
-                yield future.result()
-        finally:
-            threads.shutdown(wait=False, cancel_futures=True)
 
 
 def _one_seed(campaign: AccuracyCampaign, seed: int, folder: Path, children: Children) -> Figures:

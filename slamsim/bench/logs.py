@@ -3,10 +3,12 @@ to measure peak memory and isolate crashes."""
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from contextlib import contextmanager
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
@@ -20,6 +22,7 @@ from pydantic import ValidationError
 from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
 from slamsim.guard.errors import InputRefused, SlamsimError
+from slamsim.guard.output import write_atomic
 from slamsim.guard.yaml import load_yaml
 from slamsim.process.children import end_with_parent
 from slamsim.run.recording import simulate_world
@@ -150,6 +153,31 @@ class Children:
         if not done:
             raise SlamsimError(str(answer))
         return cast(Result, answer)
+
+
+@contextmanager
+def each_done(
+    jobs: Sequence[Callable[[Children], Result]], workers: int
+) -> Iterator[Iterator[Result]]:
+    """What the jobs return, as each is done, so many at a time, each in processes of its own.
+
+    What a job raises is raised where its result is asked for; then, and when the block ends, jobs
+    that wait are given up.
+    """
+    with ThreadPoolExecutor(workers) as threads, Children() as children:
+        futures = [threads.submit(job, children) for job in jobs]
+        try:
+            yield (future.result() for future in as_completed(futures))
+        finally:
+            threads.shutdown(wait=False, cancel_futures=True)
+
+
+def keep_lines(folder: Path | None, name: str, rows: Iterable[Mapping[str, object]]) -> None:
+    """All rows so far, a line of JSON each, in a file of the folder, if there is one."""
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+        lines = (json.dumps(row) + "\n" for row in rows)
+        write_atomic(folder / name, "".join(lines).encode())
 
 
 def _serve(

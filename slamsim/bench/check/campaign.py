@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Generator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import closing
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +24,7 @@ from slamsim.bench.check.outcome import (
 )
 from slamsim.bench.check.summary import run_line, summarise, summary_tables
 from slamsim.bench.check.truth import truths
-from slamsim.bench.logs import Children
+from slamsim.bench.logs import Children, each_done
 from slamsim.config.bundled import bundled_names
 from slamsim.config.loading import load_run_config
 from slamsim.config.run import RunConfig
@@ -78,10 +77,7 @@ def run_campaign(campaign: CheckCampaign, reporter: Reporter) -> Json:
     require_known_names(campaign.faults)
     runs: list[Json] = []
     count = len(campaign.seeds) + len(campaign.clean_seeds) + len(campaign.recordings)
-    with (
-        reporter.stage("check") as progress,
-        closing(_all_runs(campaign)) as done,
-    ):
+    with reporter.stage("check") as progress, each_done(_jobs(campaign), campaign.workers) as done:
         for run in done:
             runs.append(run)
             reporter.say(run_line(run))
@@ -93,33 +89,23 @@ def run_campaign(campaign: CheckCampaign, reporter: Reporter) -> Json:
     return {"summary": summary, "runs": runs}
 
 
-def _all_runs(campaign: CheckCampaign) -> Generator[Json]:
-    """The outcomes of each drive, in the order in which they are done."""
-    every = (*campaign.seeds, *campaign.clean_seeds)
-    with ThreadPoolExecutor(campaign.workers) as threads, Children() as children:
-        futures = [
-            *(threads.submit(_one_seed, campaign, seed, children) for seed in every),
-            *(threads.submit(_one_recording, campaign, p, children) for p in campaign.recordings),
-        ]
-        try:
-            for future in as_completed(futures):
-                yield future.result()
-        finally:
-            threads.shutdown(wait=False, cancel_futures=True)
+def _jobs(campaign: CheckCampaign) -> list[Callable[[Children], Json]]:
+    """Each gives the outcomes of a drive, or why there are none."""
+    seeds = (*campaign.seeds, *campaign.clean_seeds)
+    return [
+        *(partial(_tried, _drive(seed), partial(run_seed, campaign, seed)) for seed in seeds),
+        *(
+            partial(_tried, str(path), partial(run_recording, path, campaign.faults))
+            for path in campaign.recordings
+        ),
+    ]
 
 
-def _one_seed(campaign: CheckCampaign, seed: int, children: Children) -> Json:
+def _tried(drive: str, run: Callable[[], Json], children: Children) -> Json:
     try:
-        return children.run(run_seed, campaign, seed)
+        return children.run(run)
     except SlamsimError as error:
-        return {"drive": _drive(seed), "error": str(error), "outcomes": []}
-
-
-def _one_recording(campaign: CheckCampaign, path: Path, children: Children) -> Json:
-    try:
-        return children.run(run_recording, path, campaign.faults)
-    except SlamsimError as error:
-        return {"drive": str(path), "error": str(error), "outcomes": []}
+        return {"drive": drive, "error": str(error), "outcomes": []}
 
 
 def _drive(seed: int) -> str:

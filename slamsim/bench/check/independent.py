@@ -5,15 +5,14 @@ It lies in the folder ``tests/independent`` of a checkout, and is no part of the
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from collections import Counter
-from collections.abc import Generator, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import closing
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, cast
@@ -24,12 +23,11 @@ import slamsim
 from slamsim.bench.check.outcome import Json, Measured, measured_in, pairs_with_truth
 from slamsim.bench.check.repaired import fixed_words, repaired, summarise_repaired
 from slamsim.bench.check.summary import coverage_of, coverage_row
-from slamsim.bench.logs import Children
+from slamsim.bench.logs import Children, each_done, keep_lines
 from slamsim.check.check import check_recording
 from slamsim.check.registry import CHECKER_ERROR
 from slamsim.console.reporter import Reporter
 from slamsim.guard.errors import NotFound, SlamsimError, nearest_name, shown
-from slamsim.guard.output import write_atomic
 from slamsim.io.open import read_recording
 
 PLACE = Path("tests") / "independent"
@@ -77,11 +75,11 @@ def run_independent(campaign: IndependentCampaign, reporter: Reporter) -> None:
     try:
         with (
             reporter.stage("check") as progress,
-            closing(_all_rows(campaign, jobs)) as done,
+            each_done([partial(_rows, campaign, job) for job in jobs], campaign.workers) as done,
         ):
-            for row in done:
+            for row in chain.from_iterable(done):
                 rows.append(row)
-                _keep(campaign, rows)
+                keep_lines(campaign.kept, "independent.jsonl", rows)
                 if not row["right"]:
                     reporter.say(row_line(row))
                 progress(len(rows), count)
@@ -89,14 +87,6 @@ def run_independent(campaign: IndependentCampaign, reporter: Reporter) -> None:
         figures = summarise_independent(rows)
         reporter.table("Recordings of the independent generator", _table(figures))
         reporter.result(figures)
-
-
-def _keep(campaign: IndependentCampaign, rows: Sequence[Json]) -> None:
-    if campaign.kept is None:
-        return
-    campaign.kept.mkdir(parents=True, exist_ok=True)
-    lines = (json.dumps(row) + "\n" for row in rows)
-    write_atomic(campaign.kept / "independent.jsonl", "".join(lines).encode())
 
 
 def _jobs(campaign: IndependentCampaign) -> list[list[Any]]:
@@ -129,22 +119,11 @@ def _load(folder: Path) -> Any:
     return import_module(folder.name)
 
 
-def _all_rows(campaign: IndependentCampaign, jobs: Sequence[Sequence[Any]]) -> Generator[Json]:
-    with ThreadPoolExecutor(campaign.workers) as threads, Children() as children:
-        futures = {
-            threads.submit(
-                children.run, run_cases, campaign.folder, job, campaign.seconds, campaign.fix
-            ): job
-            for job in jobs
-        }
-        try:
-            for future in as_completed(futures):
-                try:
-                    yield from future.result()
-                except SlamsimError as error:
-                    yield from (_failed(case, str(error)) for case in futures[future])
-        finally:
-            threads.shutdown(wait=False, cancel_futures=True)
+def _rows(campaign: IndependentCampaign, job: Sequence[Any], children: Children) -> list[Json]:
+    try:
+        return children.run(run_cases, campaign.folder, job, campaign.seconds, campaign.fix)
+    except SlamsimError as error:
+        return [_failed(case, str(error)) for case in job]
 
 
 def run_cases(folder: Path, cases: Iterable[Any], seconds: float, fix: bool = False) -> list[Json]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Callable, Generator, Mapping, Sequence
 from concurrent.futures import Future, as_completed
@@ -12,10 +11,10 @@ from functools import partial
 from pathlib import Path
 from typing import cast
 
+from slamsim.bench.logs import keep_lines
 from slamsim.bench.robustness.case import LIMIT_S, Figures, run_case
 from slamsim.bench.robustness.conditions import Conditions, draw_conditions
 from slamsim.console.reporter import Reporter
-from slamsim.guard.output import write_atomic
 from slamsim.process.worker import Unworkable, WorkerDied, Workers
 
 COUNTED = ("false_closures", "false_kidnappings", "kidnappings", "kidnappings_told")
@@ -48,7 +47,7 @@ def run_robustness(
             for figures in done:
                 runs.append(figures)
                 reporter.say(case_line(figures))
-                _keep(campaign, runs)
+                keep_lines(campaign.kept, f"robustness_{campaign.seed}.jsonl", runs)
                 progress(len(runs), len(campaign.numbers))
     finally:
         _show(sorted(runs, key=lambda figures: cast(int, figures["number"])), reporter)
@@ -111,14 +110,6 @@ def _figures(future: Future[Figures], conditions: Conditions) -> Figures:
         return {**known, "outcome": "told", "why": died.reason}
     except Exception as error:
         return {**known, "outcome": "told", "why": f"{type(error).__name__}: {error}"}
-
-
-def _keep(campaign: RobustnessCampaign, runs: Sequence[Figures]) -> None:
-    if campaign.kept is None:
-        return
-    campaign.kept.mkdir(parents=True, exist_ok=True)
-    lines = (json.dumps(run, allow_nan=False) + "\n" for run in runs)
-    write_atomic(campaign.kept / f"robustness_{campaign.seed}.jsonl", "".join(lines).encode())
 
 
 HEADER = "case  beams  range    Hz  path  world       outcome            ATE   wheels  disturbed by"
