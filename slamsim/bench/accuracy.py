@@ -214,6 +214,7 @@ def _closure_figures(result: SlamResult, truth: PlanarTrajectory) -> Figures:
 
 
 _MRAD_PER_DEG = 1e3 * math.pi / 180.0
+"""Degrees as they are recorded, milliradians as they are shown."""
 
 _COLUMNS = (
     ("ATE", "ATE, mm", "ate_rmse_m", 1e3, ".2f"),

@@ -23,6 +23,7 @@ STANDARD_RECIPE = "labyrinths"
 
 FIRST_SEED = 1
 ONLINE_PATH_M = 10000.0
+"""Long enough for memory and latency to show whether they grow."""
 ONLINE_RATE = "sensors.lidar.rate_hz=10"
 
 

@@ -120,6 +120,8 @@ LOOSE = np.diag(np.square([0.1, 0.1, 0.05]))
 """Prior of the matches whose errors are looked at: next to what a scan tells, nothing."""
 
 SMALL_OFF = np.array([0.02, 0.02, 0.01])
+"""Standard deviations of a prediction by odometry from one scan to the next: x and y in m, yaw in
+rad."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,9 +15,14 @@ from slamsim.slam.backend.graph import residual_sigmas
 FALSE_SIGMAS = 5.0
 FALSE_M = 0.10
 FALSE_RAD = float(np.deg2rad(3.0))
+"""A closure is false if it is off by more than FALSE_SIGMAS of its own and by more than any true
+one: a match of submaps is off by some centimetres at most."""
 REVISIT_M = 0.5
+"""A place within half a metre of one that was passed shows the same walls."""
 REVISIT_AFTER_M = 10.0
 CLOSED_WITHIN_M = 2.0
+"""A closure says of a stretch of the path where it is, not of one key frame alone: of so much of it
+to either side."""
 
 
 @dataclass(frozen=True, slots=True)

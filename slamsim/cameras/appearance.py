@@ -11,6 +11,7 @@ from slamsim.core.types import BoolArray, Float32Array, FloatArray
 
 _GREY = 0.5
 _LEAST_LIT = 0.3
+"""Albedo of a world without looks, and the light on a surface that is turned away."""
 
 
 class Occluded(Protocol):

@@ -11,6 +11,7 @@ from slamsim.core.types import BoolArray, FloatArray, IntArray
 
 _MOST_ROUNDS = 20
 _WITHIN_PX = 1e-7
+"""A row is solved for when the pixel moves by less: far below what a float32 image can show."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

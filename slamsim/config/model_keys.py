@@ -18,6 +18,8 @@ from slamsim.guard.yaml import KeyPath, key_text
 _UNIONS = (Union, types.UnionType)
 _SEQUENCES = (list, tuple, set, frozenset)
 _NEAR_HERE, _PERHAPS_HERE, _NEAR_ELSEWHERE = 0.85, 0.6, 0.75
+"""Likeness of two words (``difflib``): a slip of the finger keeps 0.85 of a word; what is proposed
+from elsewhere must be nearer than what is proposed here, for there is more to choose from."""
 _MAX_ALTERNATIVES = 3
 
 

@@ -25,6 +25,7 @@ _LEAST_ROLLED_M = 1e-6
 """Wheels that rolled less tell nothing of the motion."""
 _LEAST_VARIANCE = 1e-14
 _UNKNOWN_VARIANCE = 1e6
+"""Of a sensor without noise, so that it can be inverted, and of one that is not there."""
 
 
 @dataclass(frozen=True, slots=True)

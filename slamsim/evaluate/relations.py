@@ -20,6 +20,7 @@ from slamsim.guard.numbers import require_finite, require_stamps
 
 NEAR_BELOW_S = 5.0
 FAR_ABOVE_S = 60.0
+"""Relations between neighbours tell of the front end, those over more than a minute of closures."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,6 +23,7 @@ _MESH_SUFFIXES = (".stl", ".obj", ".dae")
 _AXIS_JOINTS = ("continuous", "revolute", "prismatic", "planar")
 _MIN_AXIS = 1e-6
 _MIN_SIZE_M = 1e-6
+"""Smaller numbers are rounding of 0, which PyBullet takes in silence."""
 
 
 def read_urdf(path: Path) -> tuple[str, tuple[str, ...]]:

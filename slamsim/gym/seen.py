@@ -21,6 +21,7 @@ UNKNOWN, FREE, OCCUPIED = 0, 1, 2
 """Values of the map in an observation."""
 _SHADES = np.array([150, 255, 30], dtype=np.uint8)
 _PICTURE_PX, _ARROW_M = 480, 0.4
+"""Side of the rendered picture, and length of the arrow that shows the heading."""
 _PATH, _ROBOT = (60, 120, 220), (220, 60, 40)
 
 

@@ -101,6 +101,7 @@ class Controls(Protocol):
 
 
 _ANSWER_S = 60.0
+"""Beyond the longest window of a slow machine: then the loop has died."""
 _T = TypeVar("_T")
 
 

@@ -68,6 +68,7 @@ SLIP_S = 1.0
 """Time by which the simulation may be behind before it gives up catching up: a machine that was
 suspended would else race through the hours that it missed."""
 _FACTOR_OVER_S = 5.0
+"""Over so much the pace that is shown is averaged."""
 
 
 class Pace:

@@ -31,7 +31,9 @@ window no longer counts."""
 MOST_BEHIND = 40
 """Unpaced, the simulation waits for SLAM when it is so many scans behind."""
 WARM_S = 0.5
+"""Simulated before the clock begins, so that kernels are loaded and all sensors have measured."""
 _PAUSED_S = 0.02
+"""How often a paused loop looks for requests."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -25,6 +25,7 @@ from slamsim.slam.online.async_back_end import AsyncBackEnd
 from slamsim.slam.session import SlamSession, open_session
 
 MAP_PERIOD_S = 1.0
+"""Of the maps that are published: what was seen is on the map a second later."""
 
 
 class _Worker:

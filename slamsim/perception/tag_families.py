@@ -20,6 +20,7 @@ FAMILIES: dict[str, str] = {
 """From our names to those of ``cv2.aruco``."""
 
 LARGEST_TAG_M = 10.0
+"""A larger one is a size in millimetres or centimetres."""
 
 
 class UnknownTags(SlamsimError):

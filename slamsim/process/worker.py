@@ -43,6 +43,7 @@ _NOTICED_S = 2.0
 """Within this pebble tells of a process that is gone, if it does at all."""
 _STARTS = 3
 _SHARE_OF_MEMORY = 0.9
+"""The rest is for the process that started them, and for the system."""
 _PRINTED = "printed.txt"
 _OUT_OF_MEMORY = "out of memory"
 _TRACE_CHARACTERS = 4000

@@ -17,6 +17,7 @@ from slamsim.recording import TransformEdge
 from slamsim.recording.frames import BASE_FRAMES, unqualified
 
 _FIXED_TOLERANCE = 1e-3
+"""In metres and of a quaternion: what a published mount changes by rounding."""
 
 
 class FrameGraph:
@@ -135,6 +136,7 @@ def _fixed(edge: TransformEdge) -> FloatArray | None:
 
 
 _LEAST_M, _LEAST_DEG = 5e-4, 0.05
+"""Smaller numbers are 0 in what is shown."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,7 @@ _INSTANT_S = 1e-6
 _STRAIGHT = 0.02
 """Of the angle swept: by more a lidar that turns evenly is never off."""
 _UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns"))
+"""Units in which times of points in a cloud are found."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

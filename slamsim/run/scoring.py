@@ -142,6 +142,7 @@ _GRAVE = BY_WEIGHT[: BY_WEIGHT.index("open loop") + 1]
 _STILL_M = 0.1
 """A path that is shorter than a pose counts as a step (``report.numbers``) is none."""
 _SIGMAS = float(np.sqrt(chi2.ppf(0.95, 2)))
+"""Radius of the circle that holds 95 % of normal positions in the plane."""
 
 
 def weighed(result: SlamResult, of_recording: Sequence[str]) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from slamsim.scenarios.base import BodyMotion, Solid
 from slamsim.sim.bodies import Box, Shape
 
 POSES_PER_S = 25.0
+"""As films have."""
 
 
 def filmed(

@@ -67,6 +67,7 @@ def corner_deg(yaws_rad: FloatArray) -> float:
 
 CORNERS = 4
 CORNER_RAD = 0.5 * math.pi
+"""Of a square."""
 
 
 def straight_commands(script: StraightScript) -> list[Command]:
@@ -143,6 +144,7 @@ FIFTH_STOP_M: dict[Who, tuple[float, float]] = {
 FIFTH_STOP_SPEEDS_M_S = (0.2, 0.25, 0.3)
 """The script that it belongs to, with FIFTH_STOP_DRIVE_S for each drive."""
 FIFTH_STOP_DRIVE_S = 20.0
+"""In the study each drive lasts so long."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,6 +36,7 @@ FARTHEST_M = 1e5
 
 LEAST_MASS_KG = 1e-9
 LEAST_STEP_S, MOST_STEP_S = 1e-6, 1.0
+"""Beyond these, numbers of the engine underflow, or a body passes through another in one step."""
 
 
 class BurstApart(SlamsimError):

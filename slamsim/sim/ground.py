@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 Triple = tuple[float, float, float]
 
 STEEPEST_RAD = math.radians(89.0)
+"""Upright, a floor would be a wall."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,6 +43,7 @@ TOPICS = {
 """The topics of a simulated recording and the types of their messages."""
 
 _CLOCK_RATE_HZ, _COMMAND_RATE_HZ = 50.0, 20.0
+"""Of /clock, and of the commands that moved the robot."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -34,6 +34,8 @@ MIN_TURNED_RAD = 1.5
 """Turns of the odometry are compared with those of the scans when they add up to this much."""
 
 MIRRORED_SHARE = -0.3
+"""Turns of the scans along those of the odometry, over all turns: 1 for a lidar the right way up,
+-1 for one that is mirrored, about 0 for noise."""
 
 
 UNPLACED_SHARE = 0.5

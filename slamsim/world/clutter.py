@@ -21,6 +21,7 @@ from slamsim.world.prism import Prism, circle, moved
 MAX_THINGS = 20_000
 _TRIES = 30
 _BOARD_M = 0.03
+"""Thickness of table tops, seats and panels."""
 
 
 def place_clutter(

@@ -18,6 +18,7 @@ from slamsim.world.prism import outline, polygons_of
 from slamsim.world.raster import TOUCH_M
 
 _STRIP_M = 3.0 * TOUCH_M
+"""Width of what is added to an edge so that two solids that touch overlap."""
 
 
 class MeshSolids:

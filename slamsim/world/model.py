@@ -20,8 +20,8 @@ Bounds = tuple[float, float, float, float]
 
 MAX_GRID_CELLS = 64_000_000
 
-# What lies between these heights a robot's body could touch.
 BODY_LOW_M, BODY_HIGH_M = 0.01, 0.5
+"""What lies between these heights a robot's body could touch."""
 
 
 @dataclass(frozen=True, slots=True)

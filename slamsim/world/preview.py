@@ -30,6 +30,7 @@ _INK: Colour = (60, 60, 60)
 _LONGEST_PX = 1200
 _MARGIN_PX = 48
 _LIDAR_HEIGHT_M = 0.3
+"""About that of the bundled robots: what stands there is drawn as a wall."""
 
 
 def preview_png(world: World) -> bytes:

@@ -40,6 +40,7 @@ FAULTS: Sequence[tuple[str, float | None]] = (
 have one colour camera each, which alone does not tell."""
 PER_SEED = 6
 SECONDS = 40.0
+"""Enough turns and standing for each question about cameras to be answered."""
 _WORLDS = ("labyrinth", "rooms", "loop")
 _PRESETS = {
     "realsense_d435": ("color", "depth"),

@@ -161,6 +161,7 @@ _WHEELS_TOO_LARGE = 1.015
 _SLIP_M, _TURN_RAD = 0.001, 0.001
 """Standard deviation of a step between two images."""
 _UPRIGHT = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+"""From the frame of a tag (x right, y up, z out of the sheet) to a wall whose normal is x."""
 
 
 def measure_tags(config: RunConfig, reporter: Reporter) -> Figures:

@@ -20,6 +20,7 @@ from slamsim.sensors.faults.registry import bundled_faults, chosen_fault
 from slamsim.simulation.driven import Driven
 
 CHECK_SECONDS, LONG_SECONDS = 60.0, 600.0
+"""A minute is what a first test drive lasts; ten are a long recording."""
 
 
 @dataclass(frozen=True, slots=True)

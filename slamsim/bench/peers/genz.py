@@ -20,6 +20,7 @@ PRESET = "indoor"
 """The library's own settings for buildings."""
 
 RINGS, SPACING_M = 3, 0.1
+"""It needs points in space: a scan is repeated in so many rings, so far apart in height."""
 
 
 class Shipped:

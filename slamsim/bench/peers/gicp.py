@@ -10,6 +10,7 @@ from slamsim.core.geometry import between, compose, se2_from_se3, se3_from_se2
 from slamsim.core.types import FloatArray
 
 RINGS, SPACING_M = 3, 0.1
+"""It needs points in space: a scan is repeated in so many rings, so far apart in height."""
 HORIZON_SCANS, CLEAR_CYCLE = 100, 10
 
 

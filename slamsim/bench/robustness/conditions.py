@@ -14,8 +14,10 @@ from slamsim.core.randomness import random_bits, random_stream
 
 WORLDS = ("labyrinth", "rooms", "ring", "symmetric", "corridor")
 WORLD_SHARES = (0.45, 0.25, 0.15, 0.075, 0.075)
+"""How often each of WORLDS is drawn: labyrinths most, worlds that look alike everywhere least."""
 DRIVES = ("tour", "random_goals", "stop_and_go", "fast_turns")
 DRIVE_SHARES = (0.4, 0.3, 0.15, 0.15)
+"""How often each of DRIVES is drawn."""
 
 MOST_SCANS = 5000
 """A path is cut so that the lidar gives about so many scans: with it no case takes more than some

@@ -62,7 +62,6 @@ PATH_BIAS = 4e-4
 drives of nine lidars (tests/independent, seeds 9 to 23), by noise as ``OFFSET_BIAS_M``."""
 
 MOST_WRONG = 3
-UNKNOWN = 1e6
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,8 +30,12 @@ from slamsim.core.types import FloatArray
 
 PSEUDO_STEP_NS = 100_000_000
 LEAST_GAIN = 1e-4
+"""A gain nearer to 0 is of a stream that shows no motion; to divide by it would make numbers
+without meaning."""
 SLIP_ROUNDS = 4
 HARDLY_TURNING_RAD_S = 0.05
+"""Standard deviation of the turn rate: below it a recording is one of a straight drive, from which
+turns say nothing."""
 MOST_PSEUDO_STEPS = 20_000
 
 

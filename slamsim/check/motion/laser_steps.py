@@ -32,6 +32,7 @@ ACTIVE = 0.9
 """The quantile of a stream's values that counts as activity 1."""
 
 MOST_ACTIVE = 2.0
+"""A single value far above the others, as of a jump, counts no more than twice what is usual."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

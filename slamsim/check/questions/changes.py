@@ -90,6 +90,7 @@ WHEELS = Question(
 )
 
 _DEGREES = float(np.degrees(1.0))
+"""In a radian."""
 QUANTITIES: dict[Question, tuple[Quantity, ...]] = {
     LASER: (
         Quantity("laser_yaw_rad", "the laser's yaw", YAW_LIMIT_DEG, "deg", _DEGREES),

@@ -34,6 +34,7 @@ _SUMS = {
     "size_bytes": ("size_bytes", 1),
 }
 _QUANTILES = {"least": 0.0, "p10": 0.1, "median": 0.5, "p90": 0.9, "most": 1.0}
+"""What the card tells of a distribution."""
 
 
 def statistics(manifest: pa.Table) -> Statistics:

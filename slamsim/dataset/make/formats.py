@@ -25,6 +25,7 @@ from slamsim.sensors.motion import Motion, beam_rays, joined, kept_since
 from slamsim.simulation.tails import TruthTail
 
 TRUTH_RATE_HZ = 50.0
+"""Of poses in the text formats: as often as usual odometry."""
 GROUND_TRUTH, ODOMETRY = "ground_truth.tum", "odometry.tum"
 
 

@@ -33,7 +33,9 @@ _WHITE: Colour = (255, 255, 255)
 _LATER: Colour = (225, 215, 205)
 _PICTURE_PX, _TILE_PX, _BAND_PX, _GAP_PX = 360, 400, 22, 10
 _LINE_PX, _LETTERS, _LINES, _SCALE = 15, 62, 10, 0.38
+"""Of the text below a tile: height of a line, letters in it, lines, and scale of the font."""
 _CREEP_M_S = 0.05
+"""Least speed that a planned path is taken to be driven with, so that its end is reached."""
 
 
 def contact_sheet(recipe: Recipe, worlds: int, progress: Progress = silent) -> bytes:

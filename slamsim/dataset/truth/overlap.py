@@ -32,7 +32,10 @@ CLOSURE_WAY_M = 10.0
 SAME_WAY = 0.5
 """Least cosine between the normals of pieces of one wall."""
 SAME_PLACE_M = 0.05
+"""Two surfaces are one if they are nearer: less than the distance of beams on a wall some metres
+away."""
 _CELL_M = 1.0
+"""Of the grid in which ends of beams are sorted, for speed alone."""
 
 
 _COLUMNS = (

@@ -22,7 +22,6 @@ from slamsim.recording import TransformEdge
 from slamsim.recording.frames import BASE_FRAME, known_mounting, tree_of
 
 Layout = Literal["tum", "euroc"]
-LAYOUTS: tuple[Layout, ...] = ("tum", "euroc")
 
 
 @dataclass(slots=True)

@@ -30,6 +30,8 @@ from slamsim.io.text.tum import stamp_ns_from_decimal
 _MOST_BEAMS = 100_000
 _SICK_STEPS_DEG = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5, 400: 0.25, 401: 0.25}
 _SICK_STARTS_DEG = {400: -50.0, 401: -50.0}
+"""Fans of the SICK LMS 200 by its number of beams, as CARMEN and its converters take them where a
+line tells of none."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,7 +34,11 @@ _SAME_CLOCK_NS = 1_000_000_000
 _MAXIMUM_PARAMETERS = ("robot_front_laser_max", "robot_laser_max", "laser_front_laser_max")
 _OFFSET_PARAMETER = "robot_frontlaser_offset"
 _LMS_CODES_FROM_M = 81.83
+"""Readings of a SICK LMS have 13 bits, of which 8183 to 8191 are codes of errors; in units of 1 cm
+these begin here."""
 _RIGID_TOLERANCE = 2e-3
+"""In metres and radians: poses of robot and laser have six decimals, but some writers round to
+three."""
 
 
 def read_carmen(path: Path) -> Recording:

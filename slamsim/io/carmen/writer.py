@@ -24,7 +24,9 @@ from slamsim.recording.frames import declared_laser_mounting
 
 _HOST = "slamsim"
 _SAME_FAN_RAD = 1e-4
+"""What single precision and decimals leave of an angle."""
 _MM_PER_M = 1000.0
+"""CARMEN writes metres with three decimals, counted here in millimetres so that they round once."""
 
 
 class CarmenFile(StagedWriter):

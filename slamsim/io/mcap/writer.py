@@ -25,6 +25,7 @@ from slamsim.io.mcap.framing import McapStream, record_bytes
 CHUNK_BYTES = 1 << 20
 ZSTD_LEVEL = 1
 _FLUSH_EVERY_S = 1.0
+"""So much of a recording may be lost when the machine loses power."""
 _MESSAGE_HEAD = np.dtype(
     {
         "names": ["opcode", "length", "channel", "sequence", "log_ns", "publish_ns"],

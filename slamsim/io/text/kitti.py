@@ -21,6 +21,7 @@ SEQUENCE = "00"
 CAMERA_FROM_LASER: FloatArray = np.array(
     [[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 )
+"""KITTI gives poses of its left camera: z ahead, x to the right, y down."""
 
 
 class KittiFolder(StagedWriter):

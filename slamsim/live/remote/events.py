@@ -11,6 +11,7 @@ from slamsim.io.ros.reader import is_read
 SILENCE_S = 5.0
 """Without a scan for so long, that is told: every lidar turns at least twice a second."""
 _LOOK_S = 5.0
+"""How often topics that appeared meanwhile are looked for."""
 
 
 class Silence:

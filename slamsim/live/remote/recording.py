@@ -17,6 +17,7 @@ from slamsim.live.hub import Message
 RESERVE_BYTES = 128 << 20
 """Left free on the disk, for the index of the recording and the map."""
 _LOOK_S = 1.0
+"""How often the free space of the disk is looked at."""
 
 
 class MessageRecording:

@@ -38,6 +38,7 @@ FIRST_S = 5.0
 """So much is looked at before the map begins: some tens of scans, which show the largest range, and
 fixed transforms that a publisher repeats every second or so."""
 _TURN_S = 0.05
+"""So long messages are gathered before they are handed on: far below the period of a scan."""
 _OWN_MAP = f"/slamsim{MAP}"
 
 

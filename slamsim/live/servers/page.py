@@ -53,6 +53,7 @@ MOST_BYTES = 1 << 16
 """Of a message of a client; the longest request has some hundred."""
 
 _OPEN_S, _CLOSE_S = 10.0, 0.5
+"""For a client to say what it wants, and to say goodbye."""
 
 _LIVE, _RECORDING = "/live", "/recording/"
 

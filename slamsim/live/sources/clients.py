@@ -155,6 +155,7 @@ def _publishing(told: Mapping[str, Any]) -> str:
 
 _TOPICS = "/rosapi/topics"
 _PERIOD_S = 1.0
+"""How often a bridge is asked for its topics."""
 
 
 class RosbridgeSource(LiveSource):

@@ -30,6 +30,7 @@ SAME_PX = 3.0
 """Views whose corners move by less in the mean are one and the same."""
 ROUNDS = 3
 FISHEYE_FOVS_DEG = (100.0, 140.0, 180.0, 220.0)
+"""Across the image, from which fits begin: lenses that are sold lie between."""
 COVERAGE_CELLS = (8, 6)
 
 

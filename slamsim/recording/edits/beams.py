@@ -20,6 +20,7 @@ Axis = Literal["zero", "middle"]
 """The direction that a mirror leaves as it is: 0, or that of the middle beam."""
 
 _FULL_TURN = 2.0 * np.pi
+"""Radians."""
 
 
 @dataclass(frozen=True, slots=True)

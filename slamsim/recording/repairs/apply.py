@@ -121,6 +121,8 @@ _EVIDENT = frozenset(
 _DOUBTFUL = frozenset(("shift_receipt",))
 """Repaired last: the stamps, not the receipt, may be what is wrong."""
 _OTHER_EPOCH_S = 60.0
+"""A shift that is longer brings a stream to the clock of the others: before it, nothing else can be
+judged."""
 NONE = "none"
 
 

@@ -12,6 +12,7 @@ from slamsim.recording.frame_graph import FramePlace
 from slamsim.report.figures.palette import ESTIMATE, INK, NEUTRAL, WITHDRAWN
 
 _ROW_INCHES, _COLUMN_INCHES, _MOST_INCHES = 0.42, 2.1, 100.0
+"""Of a frame, of a level of the tree, and the most that an image may be."""
 
 
 def write_frames(path: Path, frames: Sequence[FramePlace], picture_format: str = "svg") -> None:

@@ -19,6 +19,7 @@ from slamsim.report.pages.check import wrong
 from slamsim.report.pages.html import Card, cards, figure, page, pair, section
 
 _MARGIN_M = 0.3
+"""Around what is drawn."""
 _FOOTER = "Made by slamsim demo. Both runs, and the repaired recording, are beside this file."
 
 

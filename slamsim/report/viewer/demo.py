@@ -17,6 +17,7 @@ from slamsim.report.viewer.scene import log_lines, log_map
 from slamsim.report.viewer.stage import MAP
 
 _MARGIN = 1.6
+"""Height of the eye over the extent of the scene, so that all of it is seen."""
 
 
 def write_sides(path: Path, sides: tuple[MappedSide, MappedSide]) -> None:

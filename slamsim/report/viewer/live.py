@@ -26,6 +26,7 @@ START_M, GROWING = 5.0, 1.5
 """Width of what is shown before there is a map, and of what is shown then, in sizes of the map: it
 is seldom shown anew, for that moves the view from where the user has it."""
 _FLUSH_S = 2.0
+"""For a viewer that does not read any more; what it has not got by then is lost."""
 
 
 class LiveScene:

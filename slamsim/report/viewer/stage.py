@@ -14,6 +14,7 @@ MAX_POSES = 40_000
 MAX_SCANS = 2_500
 MAX_BEAMS = 400
 SCAN_HEIGHT_M = 0.04
+"""Above the map, so that points are not hidden by its surface."""
 
 MAP, ODOM, BASE, LASER, TRUTH = "map", "odom", "base_footprint", "laser", "truth"
 

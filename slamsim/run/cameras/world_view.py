@@ -22,6 +22,7 @@ _BRIGHTEST_PERCENT = 98.0
 """Of all radiances so many are no brighter than white."""
 
 _R_BASE_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+"""Axes of a camera (z ahead, x to the right, y down) that looks along x."""
 
 
 def view_png(world: World, looks: LooksConfig) -> bytes:

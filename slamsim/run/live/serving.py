@@ -22,6 +22,7 @@ from slamsim.process.supervisor import finish_in_peace
 from slamsim.run import folder as run_folder
 
 _LOOK_S = 0.2
+"""How often the end is looked for."""
 
 
 @dataclass(frozen=True, slots=True)

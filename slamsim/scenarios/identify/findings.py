@@ -30,6 +30,7 @@ from slamsim.scenarios.identify.tables import (
 )
 
 WITHIN_SIGMAS = 2.0
+"""95 % of normal numbers lie within."""
 
 
 def identification_found(found: Identified) -> Findings:

@@ -36,9 +36,12 @@ REWEIGHTED = 4
 STEP = 1e-3
 """Of the derivatives, in prior sigmas."""
 FARTHEST_SIGMAS = 6.0
+"""Bounds of the fit in prior sigmas: the prior excludes what lies beyond."""
 FORESEEN = 100
 SAME_POINT_SIGMAS = 0.5
 SCRUBBING = (0.0, 0.3, 0.6, 1.0)
+"""Shares of the scrubbing of the supports as they were drawn, from which fits begin too: it has
+several minima."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

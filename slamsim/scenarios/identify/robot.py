@@ -33,6 +33,7 @@ from slamsim.sim.robot.model import build_robot
 
 STRAIGHT, WAYS = "straight", ("clockwise", "counter-clockwise")
 TURNING_S, TURNING_RAD_S = 2.0, 1.0
+"""A turn on the spot, of which the second half is steady."""
 
 
 def robot_at(values: Mapping[ParameterName, float], nominal: RobotConfig, name: str) -> RobotConfig:

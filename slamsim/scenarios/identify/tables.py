@@ -18,6 +18,7 @@ OPEN = 0.5
 CLEAR = 0.05
 """One that keeps so little is what the figures really measure."""
 PART_OF_IT = 0.3
+"""Of a unit vector: a parameter with a smaller share is left out of the words."""
 
 
 def odometry_corner_deg(found: Identified) -> float:

@@ -29,6 +29,7 @@ from slamsim.sim.bodies import (
 )
 
 NOTHING = BodySurroundings(np.zeros((0, 3)), friction=0.0)
+"""A fall without a floor."""
 
 
 def _trials(config: IntegratorConfig, seed: int) -> Sequence[Trial]:

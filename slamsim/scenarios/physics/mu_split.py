@@ -19,6 +19,7 @@ from slamsim.sim.ground import Ground
 from slamsim.sim.robot.model import RobotModel, build_robot
 
 SHOWN = (0.0, 0.1)
+"""Frictions under the right wheel whose runs are drawn: none, and hardly any."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,9 @@ from slamsim.sim.robot.model import RobotModel, build_robot
 
 WALL_M = (0.1, 2.0, 0.5)
 RAMP_M = (4.0, 1.0, 0.02)
+"""What is drawn, and stands behind the robot: length, width and thickness."""
 SHOWN = {("proportional", 20.0), ("velocity", 36.0)}
+"""(motors, slope in degrees) of the runs that are drawn: one that climbs and one that slides."""
 
 
 def _trials(config: RampConfig, seed: int) -> Sequence[Trial]:

@@ -26,6 +26,7 @@ from slamsim.sim.bodies import BodySurroundings, Box, BurstApart, FreeBodies, St
 LOOKED_AT_EVERY_S = 0.1
 """A stack on the way down doubles its offset in about a quarter of a second."""
 FLOOR = np.array([[0.0, 0.0, 1.0]])
+"""Normals of the half-spaces around: one, upwards."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

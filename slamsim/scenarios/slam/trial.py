@@ -35,6 +35,7 @@ from slamsim.slam.session import run_slam
 
 _SHOWN_EVERY = 2
 _WALL_M = 0.03
+"""Thickness of a wall that is drawn of a line."""
 _SCORES = (
     "ate_rmse_m",
     "ate_max_m",

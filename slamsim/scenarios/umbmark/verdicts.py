@@ -12,9 +12,14 @@ from slamsim.scenarios.scripted import IDENTIFIED, SQUARE_SIDE_M, SQUARES, UNITY
 from slamsim.scenarios.umbmark.method import CorrectionResult, DrivenSquares, WheelCorrection
 
 CLOSE_M, LEAST_SPREAD_M, MOST_SPREAD_M = 0.25, 1.0, 2.0
+"""The study gives the largest error of its real robot (1.06 m) and the spread (1.8 m) of so few
+runs that they are known no better."""
 CORNER_WITHIN_DEG = 5.0
+"""The study gives corners in tens of degrees."""
 LEAST_IMPROVEMENT = 10.0
+"""An order of magnitude, as Borenstein and Feng (1996) report."""
 SIGMAS = 3.0
+"""One normal number in 370 is farther off."""
 
 
 def robot_verdicts(robots: Sequence[DrivenSquares], main: RobotConfig) -> list[Verdict]:

@@ -168,6 +168,7 @@ def _laser_frames(recording: Recording) -> frozenset[str]:
 
 
 _FULL_TURN = 2.0 * np.pi
+"""Radians."""
 
 
 class BeamTimeReversed(SensedFault):

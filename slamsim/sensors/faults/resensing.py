@@ -20,6 +20,7 @@ from slamsim.recording.edits.base import SCANS, CannotEdit
 from slamsim.recording.edits.ranges import ChangeRanges
 
 _FULL_TURN = 2.0 * np.pi
+"""Radians."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -23,6 +23,7 @@ Vector = tuple[float, ...]
 CONTACT_DISTANCE = 8
 """Place of the distance in PyBullet's contact points."""
 TOUCHING_M = 0.0005
+"""Bullet reports contacts from some distance on; nearer than this, bodies touch."""
 
 
 class BasePose(NamedTuple):

@@ -17,8 +17,11 @@ Twist = tuple[float, float]
 CREEP_M_S = 0.04
 """Slowest command on a path, so that the robot arrives instead of approaching for ever."""
 ARRIVED_M = 0.01
+"""Before the end of a path: at the slowest speed one tick goes less far."""
 FACING_RAD = math.radians(2.0)
+"""A turn on the spot ends within this, once the robot turns no faster than TURNED_RATE_RAD_S."""
 TURNED_RATE_RAD_S = 0.05
+"""Slower than a robot turns past its goal in one tick."""
 SEARCH_POINTS = 12
 
 

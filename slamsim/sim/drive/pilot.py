@@ -10,6 +10,7 @@ from slamsim.sim.drive.follow import Follower, Twist, build_follower
 from slamsim.sim.drive.route import Route
 
 STANDING: Twist = (0.0, 0.0)
+"""No motion at all."""
 
 
 class Pilot:
@@ -111,6 +112,7 @@ FREED_PROGRESS = 20.0
 """Path points to get beyond where it was stuck before the robot may back up as often again."""
 BACKING_M_S = -0.15
 BACKING_S = 2.0
+"""0.3 m back: about the radius of a robot, enough to turn clear of what it touched."""
 
 
 class Supervisor:

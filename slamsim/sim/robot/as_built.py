@@ -21,7 +21,9 @@ CARRIER_SHARE = 0.1
 """Of a sprung wheel's mass belongs to what does not turn: PyBullet needs some mass between the
 spring and the wheel."""
 UPWARD = np.array([0.0, 0.0, 1.0])
+"""The direction in which wheels are sprung."""
 LARGEST_DEVIATION = 3.0
+"""In sigmas: a worse robot would not leave the factory."""
 
 
 def drawn_robot(config: RobotConfig, seed: int) -> RobotConfig:

@@ -13,7 +13,9 @@ from slamsim.sim.bullet import pybullet
 from slamsim.sim.robot.chassis import Engine, hold_wheels
 
 UNLIMITED_TORQUE_N_M = 1e5
+"""Of an ideal motor: no load that is simulated holds it."""
 STANDING_RAD_S = 1e-3
+"""Slower wheels stand: their direction is that in which they are to turn."""
 
 
 class Motors(Protocol):

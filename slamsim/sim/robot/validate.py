@@ -22,7 +22,9 @@ LEAST_DENSITY_KG_M3, GREATEST_DENSITY_KG_M3 = 5.0, 23_000.0
 GREATEST_INERTIA_FACTOR = 3.0
 """All mass in the corners of a cuboid gives three times the moment of the solid one."""
 LEAST_INERTIA_FACTOR = 0.05
+"""All mass within the inner 22 % of a body: less is a wrong unit or a placeholder."""
 _LEAST_EDGE_M = 1e-6
+"""Between two feet at one place."""
 ROLLING_NAMES = ("caster", "wheel")
 
 FaultKind = Literal["inertia", "support_wheels", "wheel_height", "balance"]

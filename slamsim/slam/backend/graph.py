@@ -31,10 +31,14 @@ PATIENCE = (4.0, 2.0)
 MAX_WITHDRAWALS = 8
 EXTRA_UPDATES = 2
 RISE_ALLOWED = 1e-6
+"""Share by which solving may raise the error of the graph: what rounding does, and no more."""
 MOST_POSES = 10_000_000
 CLOSURES_TO_TELL = 10
 CLOSURES_PER_EVIDENCE = 5.0
+"""Closures that share most of their scans and so count as one measurement. Chosen, not fitted: it
+scales the variances that are reported, and no pose."""
 LEAST_VARIANCE_FACTOR = 1e-4
+"""Of noiseless edges, so that no covariance becomes singular."""
 
 
 class GraphUnsound(SlamsimError):

@@ -22,8 +22,12 @@ from slamsim.slam.frontend.parts import Parts
 UPDATE_AFTER_KEYFRAMES = 10
 RENEW_AFTER_KEYFRAMES = 20
 RENEW_AFTER_SHARE = 0.1
+"""Covariances cost more the longer the graph is: they are renewed after this share of it more, so
+that all renewals together cost as much as some ten of the last one."""
 SURPRISE_M = 0.1
 SURPRISE_RAD = 0.03
+"""By how much the key frames of new closures may be off what these measured before the poses are
+updated at once, and not with the next UPDATE_AFTER_KEYFRAMES."""
 
 DRIFT_M_PER_M, MOST_DRIFT_RAD = 0.03, 0.1
 """Of maps whose odometry is bad, beyond what its noise explains."""

@@ -35,6 +35,8 @@ MAX_PIECES = 512
 _BUCKETS = 2048
 MERGE_SIGMAS = 4.0
 MERGE_SLACK_M = 0.01
+"""Pieces of one surface: within so many sigmas of the range noise, and what surfaces are uneven by,
+as in ``matching/local_map.py``."""
 
 
 class ViewMaker:

@@ -43,7 +43,10 @@ STRONG = 1e4
 """A match that knows a direction at all outweighs odometry along it by this much."""
 
 MEDIAN_CHI2_3 = 2.366
+"""Of squared errors of three numbers in sigmas (chi-squared, three degrees of freedom)."""
 UNIT_BOUNDS = (0.01, 25.0)
+"""Of the variances that matches and odometry claim together: from a tenth to five times in sigma,
+beyond which the model is wrong and not the unit."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -22,7 +22,10 @@ KEEP_LOOKING_M = 10.0
 
 MOST_SUBMAPS = 2
 NEAR_M = 8.0
+"""About the reach of the lidars of small robots: submaps farther away share no surface."""
 BESIDE_M = 5.0
+"""Between the bounding boxes of parts that are laid beside each other: no scan of one reaches into
+the other by accident."""
 
 
 class MapSearch:

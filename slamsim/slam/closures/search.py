@@ -33,6 +33,8 @@ LOOK_KEYFRAMES = 100
 
 MOVED_M = 0.15
 MOVED_RAD = 0.03
+"""A submap that moved by less is sought in again from nearly the same guess, which leads to the
+same match."""
 
 
 class ClosureSearch:

@@ -38,6 +38,7 @@ BEAM_MARGIN_M = 0.3
 
 _NOWHERE = np.iinfo(np.int64).min // 2
 _EVER_M = 1e12
+"""A path longer than any: nothing in a submap is ever forgotten."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

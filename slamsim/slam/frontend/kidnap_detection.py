@@ -28,6 +28,7 @@ FALSE_ALARMS = 0.01
 """Share of the scans placed where odometry had them that may contradict the one before so much."""
 
 LEARN_GAIN = 0.1
+"""Share by which what is usual follows each scan: the last ten or so tell what it is."""
 
 SUDDEN_NS, SUDDEN_INTERVALS = 1_000_000_000, 3.0
 """In a longer time much may have changed, and the robot may have come far. From a scan to the one

@@ -15,7 +15,11 @@ from slamsim.slam.matching import Match, Matcher
 
 FAR_SIGMAS = 5.0
 FAR_STRICTNESS = 0.75
+"""A match that lies far from the prediction must fit nearly as well as scans usually do; one at
+FAR_SIGMAS already half as much of what is asked of the farthest."""
 CLEARLY = 0.02
+"""Of the pieces of a scan: a place found by search is taken only if so much more of the scan lies
+on the map there than near the prediction."""
 
 TAIL_FREEDOM = 3.0
 """Odometry errs by its noise or, seldom, by far more: its step has a Student t distribution."""
@@ -33,9 +37,13 @@ NATS_A_PIECE = 1.0
 which makes two nats, but neighbours on one wall tell the same."""
 
 DOUBTFUL_SHARE = 0.8
+"""Below this share of the usual one a search is worth its time, although the match may still be
+right."""
 USUAL_GAIN = 0.02
 START_USUAL = 0.8
+"""Before any scan was matched; then the mean over some fifty scans (a gain of USUAL_GAIN)."""
 MIN_COVERED_RATIO = 0.3
+"""A scan of which less meets the map at all has nothing to be held against."""
 
 SLIP_M, SLIP_M_S = 0.2, 0.5
 SLIP_RAD, SLIP_RAD_S = 0.4, 1.5

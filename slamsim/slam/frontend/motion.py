@@ -47,6 +47,7 @@ REST_TURN_RAD_S = 4e-3
 """A standing robot's gyroscope shows its bias, give or take this and its own uncertainty."""
 
 REST_BIAS_SIGMAS = 4.0
+"""Of the noise of a gyroscope: by chance one reading in 16,000 is farther off."""
 FORWARD, SIDEWAYS, WHEEL_TURN, GYRO_TURN = range(4)
 
 

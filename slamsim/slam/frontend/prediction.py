@@ -34,6 +34,8 @@ MIN_JUMP_S = 0.05
 """Stamps are not believed to be finer than this when a speed is taken from them."""
 
 JUMP_VARIANCE = np.square([0.3, 0.3, 0.2])
+"""Of a step that no robot can make, 0.3 m along and across and 0.2 rad: near the place it had, with
+little to hold it there."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

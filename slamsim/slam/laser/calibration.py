@@ -98,6 +98,7 @@ class LaserCalibration:
 
 
 _UNITS = np.array([100.0, 1e3, 1e3, 1e3, 1e3, np.rad2deg(1.0)])
+"""From shares, metres and radians to the units of _WORDS."""
 _WORDS = (
     "the angle between beams is {0:+.2f} ± {1:.2f} % off the declared one",
     "ranges exceed the true distances by {0:+.1f} ± {1:.1f} mm",

@@ -37,10 +37,17 @@ hardly slip and scans overlap."""
 
 ROUNDS = 8
 STILL_SIGMAS = 0.01
+"""A step smaller than this changes no interval that is reported."""
 DOUBT_SQUARED = 9.0
+"""Errors of three sigmas count half (Cauchy)."""
 DELAY_STEP_S = 0.02
+"""Of the central difference over time: long against the noise of odometry, short against the turns
+of a robot."""
 MOUNT_STEP = 1e-4
+"""Of the central differences over mount and wheels, in metres and radians: their curvature is below
+rounding there."""
 ROUNDING = 1e-12
+"""Variance added so that noiseless odometry can be inverted: a micrometre."""
 LEAST_STRETCHES = 12
 LEAST_WINDOWS = 3
 

@@ -14,6 +14,7 @@ SHARP_FACTOR = 10.0
 """Beside the robot's own body the spread jumps; along a corridor it grows gently."""
 BESIDE = 3
 _OFTEN = 0.9
+"""A beam that meets the body of the robot itself nearly always returns."""
 
 
 def beams_on_robot(ranges_m: FloatArray) -> BoolArray:

@@ -24,6 +24,8 @@ SAME_SHARE = 0.003
 """The largest reading of all, seen this often to the last bit, stands for no return."""
 
 LEAST_STEP_SHARE = 0.1
+"""Quantile of the distances between neighbouring readings: the smallest are steps, larger ones are
+values that did not occur."""
 
 ISOLATED_M, ISOLATED_SHARE = 0.1, 0.05
 """A reading this far (and this share of it) off both neighbours, who agree, is an isolated one."""

@@ -21,6 +21,8 @@ FAR_BETTER, FAR_SHARPER = 0.6, 2.0
 scans must then tell it: a fan that folds up fits anything."""
 
 LEAST_SCALE, LARGEST_SCALE = 0.3, 3.0
+"""Sweeps beyond a third or three times what is declared are no error of the driver that a fit could
+find from there."""
 STEPS = 3
 FIRST_WINDOWS = 4
 

@@ -25,7 +25,9 @@ UNKNOWN_M_S, UNKNOWN_RAD_S = 1.0, 2.0
 """How fast the lidar may move when nothing is known of it yet."""
 
 CHANGE_M_S2, CHANGE_RAD_S2 = 3.0, 10.0
+"""What the velocity of a robot on wheels may change by: some 0.3 g, and a turn of a second."""
 LEAST_M, LEAST_RAD = 0.02, 0.02
+"""Of a guess after no time at all: what the match before it is off by, at most."""
 
 SCATTER = 0.3
 """Stamps no farther than this from whole periods, as a share of one, scatter about them."""

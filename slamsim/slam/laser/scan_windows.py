@@ -15,6 +15,7 @@ LEAST_STEP_S = 0.06
 """Scans that follow each other faster are thinned out: a window shall see some motion."""
 
 DEFAULT_PERIOD_S = 0.1
+"""Of most lidars on robots (10 Hz), where stamps tell of none."""
 
 LEAST_IN_ORDER = 0.8
 """With fewer scans stamped in order it is unknown which stamps are the wrong ones."""

@@ -43,10 +43,14 @@ USUAL_SAMPLES = 100
 that looks the same everywhere, a chance of one in a hundred."""
 
 HARMLESS = 0.15
+"""Where one of two shares is smaller, the other is not computed: usual contradictions of whole maps
+are larger."""
 EVERY_KEYFRAMES = 2
 MAX_PAIRS = 3
 NEAR_M = 4.0
 APART_M = 4.0
+"""Pieces of the map are held against each other if they are this near in space and this far apart
+in path: about the reach over which both saw the same walls."""
 SMOOTHED = 3
 
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from slamsim.core.types import Grid
 
 OCCUPIED, UNKNOWN, FREE = 0, 205, 254
-# How map_server is to read the three grey values back: occupied above the first share of
-# black, free below the second; 205 is 0.19608 of black and must stay unknown.
 _YAML_THRESHOLDS = (0.65, 0.196)
+"""How map_server is to read the three grey values back: occupied above the first share of black,
+free below the second; 205 is 0.19608 of black and must stay unknown."""
 
 
 def map_files(grid: Grid) -> dict[str, bytes]:

@@ -11,6 +11,7 @@ from slamsim.core.types import Cloud, FloatArray
 from slamsim.guard.numbers import FINITE, require_finite, require_number
 
 ROUNDING = 1e-9
+"""Of a sum of shares that make 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

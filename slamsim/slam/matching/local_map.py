@@ -40,8 +40,15 @@ SEEN = PIECE_FIELDS + 1
 MAP_FIELDS = PIECE_FIELDS + 2
 MERGE_COS = np.cos(np.deg2rad(25.0))
 MERGE_SIGMAS = 4.0
+"""Pieces are of one surface if their normals differ by less than 25 degrees, so that rough walls
+still merge and corners do not, and if they lie within MERGE_SIGMAS of range noise and a
+centimetre."""
 SAME_SIDE_COS = np.cos(np.deg2rad(40.0))
+"""A piece may be matched to a surface seen at another angle, never to the other side of a thin
+wall."""
 OVERLAP_SLACK_M = 0.1
+"""Beyond its ends a wall usually goes on for so much: pieces are cut by cells, not where walls
+end."""
 
 
 class LocalMap:

@@ -14,6 +14,7 @@ from slamsim.slam.frontend.motion import Odometry, increments
 from slamsim.slam.frontend.odometry import FrontEnd
 
 _ROOM_M = 3.0
+"""Half the side of a square room, within reach of every lidar."""
 _SCAN_NS = 100_000_000
 
 

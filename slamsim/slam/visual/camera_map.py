@@ -29,6 +29,7 @@ SHARED = 0.04
 """Share of a view's variance that all of a tag have in common: a small tag far away is seen nearer
 than it is, by a fifth of the standard deviation of one image."""
 ANYWHERE_M, ANY_YAW_RAD = 1e3, 10.0
+"""Standard deviations of what a floor does not tell: place and heading."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -25,6 +25,8 @@ DOUBTED = ("closure", "tag")
 _ORDER = np.array([3, 4, 5, 0, 1, 2])
 """GTSAM has radians before metres."""
 _ANCHOR_SIGMA = 1e-4
+"""In metres and radians, of the first key frame, which is where the map begins: far below all
+others."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

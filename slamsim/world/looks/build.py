@@ -30,6 +30,7 @@ _WALL_FINISHES = 6
 """As many different walls as a building may have."""
 
 _GRID_M = 0.05
+"""Of the grid of free floor beside which things are hung: finer than a robot is wide."""
 _MOST_CELLS_ACROSS = 4000
 
 

@@ -167,6 +167,7 @@ _MULTIPLY, _LAST = np.uint64(0xFF51AFD7ED558CCD), np.uint64(40)
 """Odd numbers of SplitMix64, xxHash and MurmurHash3's finaliser, which mix all bits."""
 
 _UNIT = 2.0**-24
+"""The upper 24 bits as a number below 1, exact in single precision."""
 
 
 @kernel

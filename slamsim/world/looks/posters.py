@@ -19,6 +19,7 @@ _PAGES = 32
 _PRINTS = 1 << 30
 _COLUMNS = 160
 _FRAME, _DARK = (0.35, 0.35, 0.36), {MaterialId.GLASS: 0.04, MaterialId.MIRROR: 0.06}
+"""Colours of a frame of aluminium, and of what glass and mirrors reflect of themselves."""
 _LETTERS = np.array(list("ABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789&?!"))
 _FONTS = (cv2.FONT_HERSHEY_SIMPLEX, cv2.FONT_HERSHEY_DUPLEX, cv2.FONT_HERSHEY_TRIPLEX)
 

@@ -20,7 +20,9 @@ from slamsim.check.questions.streams.receipt import CLOCK_DRIFT, STAMPS_INVENTED
 from slamsim.recording.repairs.base import Repair
 
 OTHER_EPOCH_S = 1e5
+"""More than a day: no queue is so long, it is another origin of time."""
 SAME_SWEEP_S = 5e-4
+"""Beside three sigmas: the sweep of a lidar is known no better from its own scans."""
 TURNING = "turning to and fro, ten times a minute"
 STREAM_NAMES = {"lidar": "lidar", "imu": "inertial unit", "wheels": "wheels"}
 

@@ -26,6 +26,7 @@ from slamsim.recording.repairs.base import Repair
 MAX_STATIC_CHANGE = 1e-3
 """Metres, or the entries of a rotation: a fixed transform moves by less, whatever rounds it."""
 _RIGID_TOLERANCE = 0.01
+"""Of the norm of a quaternion: those written with three decimals are off by 0.001."""
 _LINK = re.compile(r'<link\s+name="([^"]*)"')
 
 

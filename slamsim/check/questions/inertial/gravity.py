@@ -50,8 +50,11 @@ MAX_TURNING_TILT_RAD = float(np.radians(15.0))
 _STRAIGHT_RAD_S = 0.1
 """Turning no faster, a robot at 1 m/s feels less than 0.6 degrees to the side."""
 MAX_REPEATED_SHARE = 0.2
+"""Drivers that read faster than the unit measures repeat half of all readings or more; by rounding
+alone single ones are equal."""
 MIN_SAMPLES = 20
 _TURNING_RAD_S = 0.02
+"""Turning faster, no two readings of six axes are equal by chance."""
 
 
 GRAVITY_UNITS = FaultKind("gravity_units", "accelerations are in another unit than m/s^2")

@@ -24,7 +24,9 @@ BIAS_LIMIT_RAD_S = 0.0105
 """0.6 degrees per second, five times the usual turn-on bias of the units that robots carry."""
 
 DEGREES = np.degrees(1.0)
+"""In a radian."""
 SAME_UNIT = 0.1
+"""Of 57.3: a scale that is off by less is the unit, no error of the sensor."""
 TURNING = "a few full turns on the spot"
 
 

@@ -33,6 +33,7 @@ MIN_BLOCKS = 6
 LEAST_GAIN, MOST_GAIN = 0.7, 1.3
 """Of accelerations felt over those driven: others are in another unit, or of another robot."""
 MOST_TILT_COS = float(np.cos(np.radians(20.0)))
+"""A unit that is turned further feels gravity where its readings of the motion are looked for."""
 CURVES = "curves to the left and right at a walking pace"
 
 HEADING = Question(

@@ -28,10 +28,14 @@ SEEN_TURNS = 0.25
 """So small a share of the robot's turns must the scans be able to see."""
 
 LEAST_TURNED_RAD = 1.0
+"""Of the stream that is compared: with less, noise of the scans weighs as much as the turn."""
 LARGEST_SIGMA = 0.04
+"""Of a gain: with more, 1 and 1.1 cannot be told apart."""
 FOLLOWS = 0.7
+"""Correlation from which on a stream turns as the scans do, half of its variance."""
 DEGREE = float(np.deg2rad(1.0))
 ALIKE = 0.05
+"""Two streams whose gains differ by less agree."""
 LEAST_POINTS = 2
 TURNING = "turning on the spot, some full turns to either side"
 

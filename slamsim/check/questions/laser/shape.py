@@ -37,6 +37,7 @@ NO_FIELD: tuple[RecordingFormat, ...] = ("carmen",)
 """Formats that have no place for the time between beams."""
 
 PLOTTED_SIGMAS = 8.0
+"""To either side of the value that was found: both walls of the misfit are then seen."""
 MOVING = "driving a few metres and turning at changing speed, in a place with walls on all sides"
 
 

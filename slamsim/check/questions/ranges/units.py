@@ -23,9 +23,14 @@ UNITS: dict[str, float] = {
 RARE_UNITS: dict[str, float] = {"inches": 0.0254, "feet": 0.3048}
 """These are told from the others by the path that is driven alone."""
 LIMIT_TOLERANCE = 1e-3
+"""A millimetre, or a thousandth of the largest range: what floats and rounding make of a limit."""
 _OVERFLOW = 0.9
+"""Of the largest reading: near it stands a code for no return, not a range."""
 _MOST, _HARDLY_ANY = 0.5, 0.01
+"""Of the readings outside the declared limits: most of them in a wrong unit, hardly any in the
+right one."""
 _MIN_STEP_M, _MAX_TURN_RAD = 0.02, 0.01
+"""A pair of scans tells lengths if the robot went straight on in between."""
 _MIN_PAIRS = 5
 
 RANGE_UNIT = FaultKind(

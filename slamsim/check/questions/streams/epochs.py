@@ -12,7 +12,11 @@ from slamsim.core.types import FloatArray
 from slamsim.recording.repairs.base import Repair
 
 _APART_S = 60.0
+"""Streams of one recording begin within a minute of each other, unless they count from different
+origins."""
 _UNIX_S = 946_684_800.0
+"""1 January 2000 in Unix time: earlier stamps count from the start of a computer or of a
+simulation."""
 
 EPOCH_MISMATCH = FaultKind(
     "epoch_mismatch",

@@ -26,8 +26,10 @@ INVENTED_PPM = 10_000.0
 """No clock is so wrong: the rate was assumed."""
 _MIN_MESSAGES = 100
 _MIN_SPAN_S = 10.0
+"""Over less, jitter of the transport looks like a drift."""
 _BLOCKS = 40
 _EVEN_SHARE = 1e-3
+"""Of a period: stamps that scatter by less are counted, not measured."""
 
 
 STAMPS_FUTURE = FaultKind("stamps_future", "stamps lie after the message was received")

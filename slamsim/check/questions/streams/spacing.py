@@ -37,6 +37,7 @@ system clocks, up to 10 ms, are common in logs that map well."""
 MAX_SCATTER_S = 0.005
 """The same harm. Drivers that stamp on receipt scatter by one or two milliseconds."""
 MAX_REPEATED_SHARE = 5e-3
+"""Of the messages: above what a queue repeats now and then."""
 _MIN_MESSAGES = 20
 _MIN_REPEATED = 3
 _OFFSETS = (*LIDAR_TIMES, "time_offset_imu", "time_offset_wheels", "clock_drift")

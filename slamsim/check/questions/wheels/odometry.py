@@ -34,9 +34,13 @@ USUAL_STEPS = 3.0
 the next, there and beside it."""
 
 COMPARED_S = 1.0
+"""Over so much, counts and rounding of a slow robot are small against its path."""
 LONGEST_S = 1e7
+"""Four months: stamps that span more are damaged."""
 SCALE_LIMIT = 0.02
+"""Odometry may be calibrated by up to 2 % against its own counters without being another robot."""
 ODD_SHARE_LIMIT = 0.05
+"""Of the seconds in which both differ: fewer are messages that were lost."""
 ODOMETRY_FROZEN = FaultKind(
     "odometry_frozen",
     "the odometry stands still while the robot moves",
