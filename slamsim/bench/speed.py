@@ -97,7 +97,10 @@ def _sense(subject: _Subject) -> Figures:
 def plain_rays(
     windows: list[Drive], mesh: TriangleMesh, robot: RobotModel, config: RunConfig
 ) -> list[Float32Array]:
-    """Level rays to all sides from along the drive: what a caster alone would have to do."""
+    """Level rays to all sides from along the drive: what a caster alone would have to do.
+
+    Each (n, 6): origin in metres and direction.
+    """
     lidar = config.sensors.lidar
     every = max(round(config.drive.physics.rate_hz / lidar.rate_hz), 1)
     angles = np.radians(lidar.angle_min_deg + lidar.angle_step_deg * np.arange(lidar.beam_count))

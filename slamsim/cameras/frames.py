@@ -103,7 +103,8 @@ def metres(pixels: NDArray[Any], unit_m: float) -> Float32Array:
     """Depths in metres, nan for none: of integers 0, of floats what is not above 0 and finite.
 
     Raises ValueError for depths that cannot be of their unit: metres in an integer image of
-    millimetres, or millimetres in one of metres.
+    millimetres, or millimetres in one of metres. pixels: (h, w) uint16 in unit_m, or float metres;
+    as many come back.
     """
     is_integer = pixels.dtype.kind == "u"
     there = pixels > 0 if is_integer else (pixels > 0.0) & np.isfinite(pixels)

@@ -145,8 +145,9 @@ def pinhole(
 ) -> CameraModel:
     """A camera with square pixels and its centre in the middle.
 
-    horizontal_fov_deg: between the outer edges of the left and the right column without
-    distortion; for ``equidistant`` with the focal length times the angle as radius.
+    horizontal_fov_deg: between the outer edges of the left and the right column without distortion;
+    for ``equidistant`` with the focal length times the angle as radius. coefficients: (k,) of the
+    model, none for an ideal lens.
     """
     half_rad = np.radians(0.5 * horizontal_fov_deg)
     half = half_rad if distortion_model == "equidistant" else float(np.tan(half_rad))

@@ -17,7 +17,7 @@ _FloatArray = NDArray[np.float64]
 
 
 def wrap_angle(angle_rad: _FloatArray) -> _FloatArray:
-    """The same angle in [-pi, pi)."""
+    """The same angles, of any shape, in [-pi, pi)."""
     return (np.asarray(angle_rad) + np.pi) % (2.0 * np.pi) - np.pi
 
 
@@ -33,7 +33,7 @@ def compose(T_a_b: _FloatArray, T_b_c: _FloatArray) -> _FloatArray:
 
 
 def inverse(T_a_b: _FloatArray) -> _FloatArray:
-    """``T_b_a`` of a planar transform."""
+    """``T_b_a`` (..., 3) of planar transforms (..., 3)."""
     T_a_b = np.asarray(T_a_b, dtype=np.float64)
     cos, sin = np.cos(T_a_b[..., 2]), np.sin(T_a_b[..., 2])
     x = -cos * T_a_b[..., 0] - sin * T_a_b[..., 1]
@@ -42,7 +42,7 @@ def inverse(T_a_b: _FloatArray) -> _FloatArray:
 
 
 def between(T_a_b: _FloatArray, T_a_c: _FloatArray) -> _FloatArray:
-    """``T_b_c``: where c stands as seen from b."""
+    """``T_b_c`` (..., 3): where c stands as seen from b. T_a_b, T_a_c: (..., 3)."""
     T_a_b, T_a_c = np.asarray(T_a_b, dtype=np.float64), np.asarray(T_a_c, dtype=np.float64)
     if T_a_b.ndim == 1 and T_a_c.ndim == 1:
         return _between_two(T_a_b, T_a_c)
@@ -120,7 +120,7 @@ def slerp_xyzw(start: _FloatArray, end: _FloatArray, fraction: _FloatArray) -> _
 
 
 def yaw_from_xyzw(quat_xyzw: _FloatArray) -> _FloatArray:
-    """Heading of the rotated x axis in the x-y plane."""
+    """(...) heading of the rotated x axis in the x-y plane. quat_xyzw: (..., 4)."""
     x, y, z, w = np.moveaxis(np.asarray(quat_xyzw, dtype=np.float64), -1, 0)
     return np.asarray(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
 

@@ -11,7 +11,7 @@ def merged(one_ns: IntArray, other_ns: IntArray) -> IntArray:
     """The stamps of two streams, each once, ascending, as both are themselves.
 
     The stable sort finds the two runs and merges them: of a million stamps in a tenth of the time
-    of ``np.union1d``.
+    of ``np.union1d``. one_ns: (n,). other_ns: (m,).
     """
     stamps_ns = np.concatenate([one_ns, other_ns])
     stamps_ns.sort(kind="stable")
@@ -19,7 +19,7 @@ def merged(one_ns: IntArray, other_ns: IntArray) -> IntArray:
 
 
 def order_once(stamps_ns: IntArray) -> IntArray:
-    """Places of the stamps in ascending order; of equal ones the first."""
+    """(m,) places of the stamps (n,) in ascending order; of equal ones the first."""
     order = np.argsort(stamps_ns, kind="stable")
     return np.asarray(order[_first_of_equal(stamps_ns[order])])
 

@@ -48,7 +48,7 @@ def error_budget(
 
 
 def at_instants(part: PlanarTrajectory, stamps_ns: IntArray) -> PlanarTrajectory:
-    """The part at those of the instants that it covers."""
+    """The part at those of the instants that it covers. stamps_ns: (n,)."""
     stamps_ns = stamps_ns[covered_by(part.stamps_ns, stamps_ns)]
     return PlanarTrajectory(stamps_ns, part.at(stamps_ns))
 

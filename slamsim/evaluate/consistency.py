@@ -87,7 +87,8 @@ def nees_in_map(
 
     Looks at all key frames that the truth covers; None if these are fewer than three, which leave
     nothing to compare once they are aligned, or if too many are missing: a part of a map that is
-    aligned by itself is off by less than in the map as a whole.
+    aligned by itself is off by less than in the map as a whole. covariances: (n, 3, 3) in m and
+    rad.
     """
     require_covariances("the covariances within the map", covariances, (len(keyframes), 3, 3))
     covered = covered_by(truth.stamps_ns, keyframes.stamps_ns)

@@ -121,7 +121,8 @@ def wrong_walls(
 def wall_surface(occupancy: Float32Array) -> BoolArray:
     """Solid cells with an edge in common with a free reachable cell.
 
-    The inside of a wall and its far side can never be seen and are not asked for.
+    The inside of a wall and its far side can never be seen and are not asked for. occupancy: (rows,
+    columns), as many come back.
     """
     free = np.pad(occupancy == 0.0, 1)
     beside_free = free[:-2, 1:-1] | free[2:, 1:-1] | free[1:-1, :-2] | free[1:-1, 2:]
@@ -135,7 +136,7 @@ def cell_centres(grid: Grid, cells: BoolArray) -> FloatArray:
 
 
 def occupied(grid: Grid) -> BoolArray:
-    """Cells that the map calls a wall."""
+    """(rows, columns) cells that the map calls a wall."""
     return np.asarray(grid.occupancy > Grid.OCCUPIED_ABOVE, dtype=np.bool_)
 
 

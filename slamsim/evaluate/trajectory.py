@@ -182,7 +182,7 @@ def _path_m(poses: FloatArray) -> FloatArray:
 
 
 def covered_by(truth_ns: IntArray, query_ns: IntArray) -> BoolArray:
-    """Which instants lie at a true sample or between two that are close enough."""
+    """(m,) which instants (m,) lie at a true sample (n,) or between two that are close enough."""
     if truth_ns.size == 0:
         return np.zeros(query_ns.shape, dtype=np.bool_)
     after = np.searchsorted(truth_ns, query_ns, side="left")
@@ -194,7 +194,7 @@ def covered_by(truth_ns: IntArray, query_ns: IntArray) -> BoolArray:
 
 
 def span_in_words(stamps_ns: IntArray) -> str:
-    """From the first of sorted instants to the last, for a message."""
+    """From the first of sorted instants to the last, for a message. stamps_ns: (n,)."""
     if stamps_ns.size == 0:
         return "nothing"
     return f"{stamps_ns[0] * 1e-9:.3f} s to {stamps_ns[-1] * 1e-9:.3f} s"

@@ -50,7 +50,10 @@ def open_input(path: Path) -> BinaryIO:
 
 
 def open_as_found(path: Path) -> BinaryIO:
-    """The same for readers of files that may be damaged."""
+    """The same for readers of files that may be damaged.
+
+    Raises NotFound, or InputRefused for what is no file.
+    """
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     except (FileNotFoundError, NotADirectoryError):

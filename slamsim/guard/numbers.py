@@ -136,7 +136,10 @@ def require_counts(what: str, values: object, shape: Shape) -> None:
 
 
 def require_indices(what: str, indices: NDArray[Any], count: int) -> None:
-    """Raise BadNumbers unless each of the integers is the number of one of so many."""
+    """Raise BadNumbers unless each of the integers is the number of one of so many.
+
+    indices: of any shape.
+    """
     if indices.size and not 0 <= int(indices.min()) <= int(indices.max()) < count:
         raise BadNumbers(f"{what} names number {indices.max()}, or {indices.min()}, of {count}")
 

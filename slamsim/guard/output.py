@@ -179,7 +179,10 @@ def free_bytes(path: Path) -> int:
 
 
 def as_written(path: Path) -> Path:
-    """Without ``..`` and links in its folder, so that the siblings are where the rename is."""
+    """Without ``..`` and links in its folder, so that the siblings are where the rename is.
+
+    Raises SlamsimError for a name that cannot be written.
+    """
     try:
         whole = path.resolve() if path.name in ("", "..") else path.parent.resolve() / path.name
     except (OSError, ValueError, RuntimeError) as error:

@@ -71,7 +71,10 @@ def load_yaml(path: Path) -> YamlDocument:
 
 
 def parse_yaml(text: str, path: Path) -> YamlDocument:
-    """As ``load_yaml``, for a text at hand; ``path`` only names it in messages."""
+    """As ``load_yaml``, for a text at hand; ``path`` only names it in messages.
+
+    Raises InputRefused, too.
+    """
     if bad := _FORBIDDEN.search(text):
         line = text.count("\n", 0, bad.start()) + 1
         reason = f"the character U+{ord(bad.group()):04X} has no place in a text file"

@@ -36,7 +36,7 @@ class OpenRecording:
             return clean(self.recording, self.path)
 
     def truth(self) -> Trajectory | None:
-        """As ``read_truth`` gives it."""
+        """As ``read_truth`` gives it. Raises InputRefused for one that is damaged."""
         if self.contents.truth_damage is not None:
             where, reason = self.contents.truth_damage
             raise InputRefused(self.path, reason, where)

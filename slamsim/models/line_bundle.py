@@ -165,7 +165,10 @@ def pull_to_lines(seen: Seen, right: FloatArray) -> None:
 
 @kernel
 def add_surfaces(seen: Seen, panels: Panels, system: FloatArray) -> None:
-    """Add all observations to the system."""
+    """Add all observations to the system.
+
+    system: (k,) flat, as ``models.supernodes`` lays it out.
+    """
     kinds = seen.unknowns.shape[1]
     for s in range(seen.starts.size - 1):
         begin, end = seen.starts[s], seen.starts[s + 1]

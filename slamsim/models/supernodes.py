@@ -80,7 +80,7 @@ def add_block(panels: Panels, system: FloatArray, a: int, b: int, block: FloatAr
     """Add what unknown ``a`` (row) and ``b`` (column) share to a system.
 
     Of a pair a != b, one of the two blocks, not both. Raises IndexError if the panels were made
-    without this pair.
+    without this pair. system: (k,) flat. block: (3, 3).
     """
     corner, width, flipped = _corner(panels, a, b)
     for i in range(3):

@@ -77,7 +77,8 @@ class Places:
     ) -> list[tuple[int, FittedMotion]]:
         """Remember a key frame; earlier ones that show the same scene, and the motion since.
 
-        part: how often the path was lost before; what was seen before that may be near.
+        part: how often the path was lost before; what was seen before that may be near. grey: (h,
+        w). depth_m: (h, w), nan for none.
         """
         place = self._place(keyframe, part, grey, depth_m)
         words = self._words(place.descriptors)

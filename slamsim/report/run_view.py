@@ -97,7 +97,7 @@ class RunView:
 
 
 def thinned(count: int, at_most: int) -> IntArray:
-    """Evenly spread indices into ``count`` items, the first and the last always among them."""
+    """(m,) evenly spread indices into ``count`` items, the first and the last always among them."""
     if count <= at_most:
         return np.arange(count, dtype=np.int64)
     return np.unique(np.linspace(0, count - 1, at_most).round().astype(np.int64))

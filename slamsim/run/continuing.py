@@ -47,7 +47,10 @@ def again(log: Log) -> str:
 
 
 def read_earlier(run: Path, start: FloatArray | None) -> Earlier:
-    """Raises NotFound, or InputRefused for a map that is damaged."""
+    """The map to go on with. start: (3,) x, y in metres and yaw in radians, if it is known.
+
+    Raises NotFound, or InputRefused for a map that is damaged.
+    """
     file = own_file(run, SAVED_MAP)
     if run.is_dir() and not file.is_file():
         raise NotFound(f"{run}: holds no {SAVED_MAP}; is it the folder of a mapped run?")
@@ -86,7 +89,7 @@ def start_pose(typed: str | None) -> FloatArray | None:
 
 
 def clouds_before(saved: SavedMap, result: SlamResult) -> Iterator[tuple[Cloud, FloatArray]]:
-    """What the key frames of earlier drives saw, and from where, if they belong to the map."""
+    """What the key frames of earlier drives saw, and from where (3,), if they belong to the map."""
     earlier = len(saved) - len(result.graph.keyframes)
     for keyframe, T_map_base in zip(saved.keyframes[:earlier], saved.poses, strict=False):
         ends = keyframe.beams_m.astype(np.float64)

@@ -85,7 +85,10 @@ class Motion:
         return self._straight(self.drive.wheel_angles_rad, stamps_ns)
 
     def pose_samples(self, T_base_sensor: FloatArray, from_ns: int, to_ns: int) -> PoseSamples:
-        """The poses of a mounted frame from one instant to another, both covered."""
+        """The poses of a mounted frame from one instant to another, both covered.
+
+        T_base_sensor: (4, 4).
+        """
         self._bracket(np.array([from_ns, to_ns]))
         stamps = self._sampled_stamps(from_ns, to_ns)
         rotation = matrix_from_xyzw(self.quats_xyzw_at(stamps))

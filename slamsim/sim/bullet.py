@@ -33,7 +33,10 @@ __all__ = ["physics_client", "pybullet"]
 
 @contextmanager
 def physics_client() -> Iterator[int]:
-    """A PyBullet world of its own; gone when the block ends."""
+    """A PyBullet world of its own; gone when the block ends.
+
+    Raises SlamsimError if there can be none.
+    """
     client = pybullet.connect(pybullet.DIRECT)
     if client < 0:
         raise SlamsimError("PyBullet could not start a physics world")

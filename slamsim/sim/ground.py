@@ -87,7 +87,10 @@ class Ground:
 
 
 def add_blocks(client: int, blocks: Iterable[Block]) -> Iterator[int]:
-    """The bodies of the blocks, in their order."""
+    """The bodies of the blocks, in their order.
+
+    Raises SlamsimError for one that PyBullet refuses.
+    """
     for block in blocks:
         shape = pybullet.createCollisionShape(
             pybullet.GEOM_BOX, halfExtents=[0.5 * s for s in block.size_m], physicsClientId=client

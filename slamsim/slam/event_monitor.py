@@ -65,7 +65,7 @@ class Watch:
     def see(
         self, prediction: Prediction, T_map_base: FloatArray, fate: Fate, match: Match | None = None
     ) -> None:
-        """One more scan, where it was placed, and why there."""
+        """One more scan, where it was placed, and why there. T_map_base: (3,)."""
         before, stamp_ns = self._T_map_base, prediction.stamp_ns
         if fate == "held back" and self._last_ns is not None:
             self._look_for_gap(stamp_ns, between(before, T_map_base))

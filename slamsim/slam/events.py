@@ -63,7 +63,7 @@ class Spells:
         return iter(self._spells)
 
     def mark(self, stamp_ns: int, T_before: FloatArray, T_map_base: FloatArray) -> None:
-        """One more scan of the kind, and the pose before it."""
+        """One more scan of the kind, and the pose before it. Both (3,)."""
         last = self._spells[-1] if self._spells else None
         if last is None or stamp_ns - last.end_ns > JOIN_NS:
             self._spells.append(Spell(stamp_ns, stamp_ns, 1, T_before, T_map_base))

@@ -264,11 +264,12 @@ def map_log(
 ) -> tuple[SlamResult, SavedMap]:
     """As ``run_slam``, with what a later run needs to go on or to localise in this map.
 
-    earlier: a map to go on with; the trajectory is then in its frame, and both are one map, as
-    soon as something is recognised. start: (3,) T_map_base in it at the first scan, give or take
-    half a metre; without it the robot finds itself. fixed: the earlier map stays as it is. tags: in
-    its images; those of the earlier map are known ones as soon as it is joined. again: places that
-    its images show again, where closures are sought besides.
+    earlier: a map to go on with; the trajectory is then in its frame, and both are one map, as soon
+    as something is recognised. start: (3,) T_map_base in it at the first scan, give or take half a
+    metre; without it the robot finds itself. fixed: the earlier map stays as it is. tags: in its
+    images; those of the earlier map are known ones as soon as it is joined. again: places that its
+    images show again, where closures are sought besides. Raises SlamsimError for a log of which no
+    scan can be tracked.
     """
     started_s = time.perf_counter()
     if start is not None:

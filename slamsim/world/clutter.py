@@ -30,6 +30,7 @@ def place_clutter(
     """Things at random places that touch neither walls nor ways nor each other.
 
     Each thing draws from a stream of its own, so that one which finds no room moves no other.
+    Raises SlamsimError for too many things.
     """
     wanted = round(config.per_cell * int(plan.present.sum()))
     if wanted > MAX_THINGS:

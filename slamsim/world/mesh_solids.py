@@ -49,8 +49,11 @@ class MeshSolids:
         return np.concatenate([segments[balanced], torn, torn[:, ::-1], outline(filled)])
 
     def shadow(self, low_m: float, high_m: float) -> FloatArray:
-        """Between two heights there is something above a point if the lower section covers it,
-        or else if a part of the surface between them lies above it."""
+        """Between two heights there is something above a point if the lower section covers it, or
+        else if a part of the surface between them lies above it.
+
+        Polygons as segments (n, 2, 2).
+        """
         return np.concatenate([self.section(low_m), self._projection(low_m, high_m)])
 
     def _cut(self, height_m: float) -> tuple[FloatArray, IntArray]:

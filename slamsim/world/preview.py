@@ -133,7 +133,7 @@ def _framed(image: NDArray[Any], world: World, resolution_m: float) -> Image:
 
 
 def write_text(image: NDArray[Any], text: str, place: tuple[int, int], scale: float = 0.6) -> None:
-    """Dark letters whose base line begins so many columns right and rows down."""
+    """Dark letters whose base line begins so many columns right and rows down. image: (h, w, 3)."""
     printable = text.encode("ascii", "replace").decode()
     cv2.putText(image, printable, place, cv2.FONT_HERSHEY_SIMPLEX, scale, _INK, 1, cv2.LINE_AA)
 
@@ -145,7 +145,7 @@ def _round_length(length_m: float) -> float:
 
 
 def encoded_png(image: Image) -> bytes:
-    """The picture as PNG."""
+    """The picture as PNG. Raises RuntimeError if OpenCV cannot encode it."""
     done, data = cv2.imencode(".png", image)
     if not done:
         raise RuntimeError("OpenCV could not encode the preview as PNG")

@@ -67,7 +67,10 @@ class Prism:
 
 
 def moved(prism: Prism, pose: FloatArray) -> Prism:
-    """The prism turned about the origin by a pose's yaw, then carried to its x and y."""
+    """The prism turned about the origin by a pose's yaw, then carried to its x and y.
+
+    pose: (3,).
+    """
     ground = shapely.transform(prism.footprint, lambda points: transform_points(pose, points))
     lean = transform_points(pose * (0.0, 0.0, 1.0), np.array(prism.lean_m))
     return Prism(ground, prism.z_min_m, prism.z_max_m, (float(lean[0]), float(lean[1])))
@@ -208,7 +211,7 @@ class PrismSolids:
 
 
 def outline(polygons: Iterable[Polygon]) -> FloatArray:
-    """The borders of polygons as directed segments."""
+    """(n, 2, 2) the borders of polygons as directed segments."""
     rings = [ring for polygon in polygons for ring in oriented_rings(polygon)]
     pieces = [np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings]
     return np.concatenate([np.zeros((0, 2, 2)), *pieces])

@@ -243,7 +243,10 @@ SECONDS = 25.0
 
 
 def measure_odometry(config: RunConfig, reporter: Reporter) -> Figures:
-    """What the path is off at its end, in percent of its length, and how many images were lost."""
+    """What the path is off at its end, in percent of its length, and how many images were lost.
+
+    Raises SlamsimError for a drive without truth.
+    """
     length = f"drive.route.max_duration_s={SECONDS}"
     driven = load_run_config(WORLD, CAMERA, (length,), config.seed)
     with TemporaryDirectory() as folder:

@@ -32,7 +32,10 @@ _PARAMETER = 100.0
 
 
 def encode_depth(depths: DepthImage, codec: DepthCodec) -> bytes:
-    """One image; ``decode_depth`` gives the same back bit for bit."""
+    """One image (h, w) of uint16; ``decode_depth`` gives the same back bit for bit.
+
+    Raises BadNumbers for any other array.
+    """
     if depths.dtype != np.uint16 or depths.ndim != 2 or not depths.size:
         raise BadNumbers(f"a depth image is (h, w) uint16, not {depths.shape} {depths.dtype}")
     if codec == "png":
@@ -85,7 +88,7 @@ def decode_compressed_depth(told: str, data: bytes) -> DepthImage | Float32Array
     with nan for none.
 
     Formats of before 2021 end in ``compressedDepth`` and mean PNG. Raises ValueError for another
-    format or what is damaged, Excessive beyond ``LIMITS``.
+    format or what is damaged, Excessive beyond ``LIMITS``. The image is (h, w).
     """
     kind, _, rest = told.partition(";")
     words = rest.split()

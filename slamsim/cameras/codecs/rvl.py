@@ -20,7 +20,10 @@ _MOST_VALUE = 1 << 34
 
 
 def encode_rvl(depths: NDArray[np.uint16]) -> bytes:
-    """The stream of an array of any shape, row by row, of uint16; 0 is no depth."""
+    """The stream of an array of any shape, row by row, of uint16; 0 is no depth.
+
+    Raises BadNumbers for other numbers.
+    """
     if depths.dtype != np.uint16:
         raise BadNumbers(f"RVL holds uint16, not {depths.dtype}")
     plain = np.ascontiguousarray(depths).reshape(-1)

@@ -25,7 +25,10 @@ MOST_SHARED = 0.48
 
 
 def blocks(steps: LaserSteps) -> Iterator[IntArray]:
-    """Pairs of one window and less than BLOCK_S apart, each pair once, in the order of time."""
+    """Pairs of one window and less than BLOCK_S apart, each pair once, in the order of time.
+
+    Each (k,) numbers of steps.
+    """
     order = np.lexsort((steps.first_ns, steps.window))
     since = np.zeros(len(steps), dtype=np.int64)
     windows = steps.window[order]

@@ -75,7 +75,10 @@ def fit_slices(
     T_base_laser: FloatArray,
 ) -> SliceFit | None:
     """None where too few images show the walls of the scans, or nothing tells how the robot moved.
-    Raises BadNumbers for a CameraInfo that no camera can have."""
+    Raises BadNumbers for a CameraInfo that no camera can have.
+
+    T_base_camera, T_base_laser: (4, 4) as claimed.
+    """
     assert depth.claim is not None
     model = depth.claim.model()
     path = _path(recording)

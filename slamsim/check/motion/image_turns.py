@@ -63,7 +63,10 @@ class TurnFit:
 
 
 def seen_turns(camera: CameraSurvey, model: CameraModel, R_base_camera: FloatArray) -> SeenTurns:
-    """Of all pairs of successive images of which thumbnails are held; R_base_camera: as claimed."""
+    """Of all pairs of successive images of which thumbnails are held; R_base_camera: as claimed.
+
+    R_base_camera is (3, 3).
+    """
     found = [
         (*camera.stamps_ns[camera.sampled[[k, k + 1]]].tolist(), *half, k)
         for k in _pairs(camera).tolist()

@@ -12,7 +12,10 @@ from slamsim.guard.numbers import is_sound
 def planar_track(
     stamps_ns: IntArray, positions_m: FloatArray, quats_xyzw: FloatArray
 ) -> tuple[IntArray, FloatArray]:
-    """Sorted distinct stamps, and x, y, continuous yaw of what is sound."""
+    """Sorted distinct stamps (m,), and (m, 3) x, y in metres, continuous yaw, of what is sound.
+
+    stamps_ns: (n,). positions_m: (n, 3). quats_xyzw: (n, 4).
+    """
     finite = is_sound(positions_m) & is_sound(quats_xyzw)
     stamps, first = np.unique(stamps_ns[finite], return_index=True)
     yaw = np.unwrap(yaw_from_xyzw(quats_xyzw[finite][first]))

@@ -61,9 +61,11 @@ def statistics(manifest: pa.Table) -> Statistics:
 
 
 def numbers(table: pa.Table, column: str) -> FloatArray:
-    """The values of a column that are numbers; none of a column of others, or that is not there.
+    """(n,) the values of a column that are numbers; none of a column of others, or that is not
+    there.
 
-    Raises BadNumbers."""
+    Raises BadNumbers.
+    """
     if column not in table.column_names:
         return np.zeros(0)
     kind = table.schema.field(column).type

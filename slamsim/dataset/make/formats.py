@@ -99,7 +99,7 @@ class Formats(StagedWriter):
             self._tum = opened(TumPaths(folder / TUM))
 
     def write(self, part: Recording, true_scan_ns: IntArray, window: Drive) -> None:
-        """The next part of the recording, the true stamps of its scans, the drive meanwhile."""
+        """The next part of the recording, true stamps (n,) of its scans, the drive meanwhile."""
         for log in (self._parquet, self._carmen, self._tum):
             if log is not None:
                 log.write(part)
@@ -150,7 +150,7 @@ class DeskewedScans:
         self._motion: Motion | None = None
 
     def write(self, part: Recording, true_stamps_ns: IntArray, window: Drive) -> None:
-        """The next part of the recording, when its scans truly began, and the drive meanwhile."""
+        """The next part of the recording, true stamps (n,) of its scans, the drive meanwhile."""
         if self._T_base_laser is None:
             self._T_base_laser = declared_laser_mounting(part)
         motion = joined(self._motion, window)

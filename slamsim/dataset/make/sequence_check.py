@@ -119,7 +119,7 @@ def require_same_software(place: Location) -> None:
 def make_again(
     place: Location, indices: Sequence[int], workers: int | None
 ) -> Iterator[tuple[SequenceFinding, ...]]:
-    """What differs, sequence by sequence."""
+    """What differs, sequence by sequence. Raises SlamsimError for one that cannot be made again."""
     if not indices:
         return
     identity = read_identity(place)

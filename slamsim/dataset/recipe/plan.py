@@ -47,7 +47,10 @@ class Pilots:
 
 
 def make_pilots(specs: Sequence[SequenceSpec]) -> Pilots:
-    """Make them one after the other in one new process, and throw them away."""
+    """Make them one after the other in one new process, and throw them away.
+
+    Raises SlamsimError if the process dies.
+    """
     begin_s = time.perf_counter()
     worker = Worker(fair_share_bytes(1))
     try:

@@ -133,7 +133,10 @@ class Frames:
 def nearest_images(
     place: Location, sequence: str, names: tuple[str, ...], stamps_ns: IntArray
 ) -> dict[str, NDArray[Any]]:
-    """By table, of each stamp the image of the nearest one."""
+    """By table, of each stamp the image of the nearest one.
+
+    stamps_ns: (n,). Each array is (n, h, w), of colours (n, h, w, 3).
+    """
     tables = (ImageTable(place, sequence, name) for name in names)
     return {table.name: table.stacked(table.nearest(stamps_ns)) for table in tables}
 

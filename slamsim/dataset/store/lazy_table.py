@@ -47,7 +47,7 @@ class LazyTable:
         return int(self._footer().num_rows)
 
     def column(self, name: str) -> NDArray[Any]:
-        """A whole column."""
+        """A whole column: (n,), of lists (n, k)."""
         return self.rows(0, len(self), (name,))[name]
 
     def rows(self, first: int, last: int, columns: tuple[str, ...] | None = None) -> Cells:

@@ -56,7 +56,10 @@ class Sequence:
     truth: SequenceTruth = field(repr=False)
 
     def between(self, start_s: float, end_s: float) -> Sequence:
-        """What was sensed from one instant to before another, in true time since the start."""
+        """What was sensed from one instant to before another, in true time since the start.
+
+        Raises ValueError for an empty span.
+        """
         if not 0.0 <= start_s < end_s:
             raise ValueError(f"no time lies from {start_s:g} s to {end_s:g} s")
         begin_ns = self.truth.begin_ns
@@ -99,7 +102,7 @@ class Sequence:
 
     @property
     def config(self) -> RunConfig:
-        """Every setting that it was made with."""
+        """Every setting that it was made with. Raises NotFound where its file is missing."""
         path = f"{self.name}/{CONFIG}"
         self.place.require_as_written(path)
         data = self.place.read(path)
@@ -161,7 +164,7 @@ class Dataset:
         return (self[place] for place in range(len(self)))
 
     def split(self, name: str) -> Dataset:
-        """Those of train, val or test."""
+        """Those of train, val or test. Raises SlamsimError for another name."""
         if name not in SPLITS:
             raise SlamsimError(f"there is no split {shown(name)}, but {', '.join(SPLITS)}")
         return self.filter(pc.field("split") == name)

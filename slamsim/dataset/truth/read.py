@@ -69,7 +69,10 @@ class SequenceTruth:
         return int(self._table("trajectory").rows(0, 1, ("stamp_ns",))["stamp_ns"][0])
 
     def at(self, stamps_ns: IntArray) -> Trajectory:
-        """``T_map_base`` at true instants; raises OutsideTimeRange beyond the part."""
+        """``T_map_base`` at true instants; raises OutsideTimeRange beyond the part.
+
+        stamps_ns: (n,).
+        """
         motion = self.motion
         return Trajectory(
             stamps_ns, motion.positions_at(stamps_ns), motion.quats_xyzw_at(stamps_ns)
@@ -126,7 +129,10 @@ class SequenceTruth:
 
     @property
     def occupancy(self) -> Grid:
-        """The true grid at the height of the lidar: 1 occupied, 0 free, ``nan`` out of reach."""
+        """The true grid at the height of the lidar: 1 occupied, 0 free, ``nan`` out of reach.
+
+        Raises NotFound where its file is missing.
+        """
         with tempfile.TemporaryDirectory() as folder:
             for name in ("occupancy.yaml", "occupancy.png"):
                 path = f"{self.name}/truth/{name}"

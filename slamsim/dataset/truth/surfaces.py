@@ -142,6 +142,9 @@ def _crosses(vertices: FloatArray, triangles: NDArray[np.int32]) -> FloatArray:
 
 
 def rounded(values: Float32Array, bits: int) -> Float32Array:
-    """The nearest multiples of 2^-bits: float32 that compresses, for the rest of each is zero."""
+    """The nearest multiples of 2^-bits: float32 that compresses, for the rest of each is zero.
+
+    Of any shape.
+    """
     step = np.float32(2**bits)
     return np.asarray(np.rint(values * step) / step)

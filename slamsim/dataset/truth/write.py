@@ -176,7 +176,7 @@ def scene_numbers(
 ) -> dict[str, Cell]:
     """What the world was like along a path: room to the walls, area in view.
 
-    grid: true occupancy at the height of the lidar, which sees as far as range_m.
+    grid: true occupancy at the height of the lidar, which sees as far as range_m. path_m: (n, 2).
     """
     seen = seen_from(grid, path_m, range_m)
     free = grid.occupancy == 0.0

@@ -190,7 +190,7 @@ class BagFolder(StagedWriter):
         }
 
     def batch(self, topic: str, log_ns: IntArray, rows: Rows) -> MessageBatch:
-        """Messages of one topic and one size, to be handed to ``write``."""
+        """Messages of one topic and one size, to be handed to ``write``. log_ns: (n,)."""
         return MessageBatch(self._ids[topic], log_ns, rows.view(np.uint8).reshape(rows.size, -1))
 
     def write(self, batches: Sequence[MessageBatch]) -> None:

@@ -157,7 +157,7 @@ def in_frame(T_map_base: Trajectory, T_base_frame: FloatArray) -> Trajectory:
     """The path of a frame that is fixed to the base.
 
     Products are summed term by term: the last bits of BLAS depend on where arrays lie in memory,
-    and data sets must have the same bytes each time.
+    and data sets must have the same bytes each time. T_base_frame: (4, 4).
     """
     rotations = matrix_from_xyzw(T_map_base.quats_xyzw)
     positions_m = T_map_base.positions_m + (rotations * T_base_frame[:3, 3]).sum(axis=2)

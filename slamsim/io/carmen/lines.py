@@ -116,7 +116,7 @@ def parse_odom(words: list[str]) -> OdomLine:
 
 
 def parse_flaser(words: list[str]) -> LaserLine:
-    """FLASER and RLASER lines."""
+    """FLASER and RLASER lines. Raises ValueError for a wrong number of words."""
     count = _count(_take(words, 1, 1)[0], least=2)
     readings = np.array(_take(words, 2, count), dtype=np.float64)
     poses = _finite(_take(words, 2 + count, 6))
@@ -128,7 +128,10 @@ def parse_flaser(words: list[str]) -> LaserLine:
 
 
 def parse_configured(words: list[str]) -> LaserLine:
-    """ROBOTLASER and RAWLASER lines, which describe their own fan."""
+    """ROBOTLASER and RAWLASER lines, which describe their own fan.
+
+    Raises ValueError for what describes no fan.
+    """
     start, _fov, step, range_max, _accuracy = _finite(_take(words, 2, 5)).tolist()
     count = _count(_take(words, 8, 1)[0], least=2)
     if not (step > 0.0 and step * (count - 1) < 2.0 * math.pi + step and range_max > 0.0):

@@ -215,7 +215,10 @@ def read_chunk(data: bytes) -> tuple[records.Chunk, bytes]:
 
 
 def records_in(content: bytes) -> Iterator[tuple[int, int, int]]:
-    """(opcode, start, end) of the content of each record."""
+    """(opcode, start, end) of the content of each record.
+
+    Raises ValueError for one that is cut off.
+    """
     position = 0
     while position < len(content):
         opcode, length = RECORD_HEAD.unpack_from(content, position)

@@ -73,7 +73,10 @@ def declaration(opcode: int, data: bytes) -> Declaration:
 
 
 def whole_record(record: _Record, data: bytes) -> _Record:
-    """The record, if it is all of the data: without a checksum, a wrong length is seen only so."""
+    """The record, if it is all of the data; raises ValueError if not.
+
+    Without a checksum, a wrong length is seen only so.
+    """
     if record_bytes(record)[RECORD_HEAD.size :] != data:
         raise ValueError("a record is damaged")
     return record

@@ -137,7 +137,10 @@ _NUMBER = "float64"
 
 
 def require_sound(facts: Mapping[str, Any], cells: Mapping[str, NDArray[Any]]) -> None:
-    """Raises ValueError saying what is wrong, KeyError for a fact that is missing."""
+    """Raises ValueError saying what is wrong, KeyError for a fact that is missing.
+
+    cells: of each column (n,) or (n, k).
+    """
     for name, column in cells.items():
         dtype = _TYPES.get(name, _NUMBER)
         if column.dtype != dtype or column.ndim != 1 + (name in _LISTS):

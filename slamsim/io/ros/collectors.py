@@ -96,7 +96,7 @@ class Collector:
         self._seen = 0
 
     def add(self, received_ns: IntArray, batch: list[bytes]) -> None:
-        """The next messages, and when each was received."""
+        """The next messages, and when each was received. received_ns: (n,)."""
         for group in self._groups(batch):
             self.taken += group.places.size
             numbers = self._seen + group.places

@@ -67,9 +67,9 @@ def _packed(message: Any) -> _Decoded:
 def of_picture(pixels: NDArray[Any], told: str = "") -> _Decoded:
     """Kind and pixels of a decoded JPEG or PNG, whose message has this format.
 
-    A single channel of 16 bits holds depths, unless it is told to be mono16. Where the format
-    says that colours were packed as they were (``compressed rgb``), not in the order of the file
-    type, red and blue are swapped back, as compressed_image_transport does.
+    A single channel of 16 bits holds depths, unless it is told to be mono16. Where the format says
+    that colours were packed as they were (``compressed rgb``), not in the order of the file type,
+    red and blue are swapped back, as compressed_image_transport does. pixels: (h, w) or (h, w, 3).
     """
     if pixels.ndim == 2 and pixels.dtype == np.uint16 and not told.startswith("mono16"):
         return "depth", pixels

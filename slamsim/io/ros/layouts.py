@@ -203,8 +203,11 @@ class CdrLayout:
         return self.stamp().string(frame_id)
 
     def shape_bytes(self) -> IntArray:
-        """The places of the bytes that are equal if and only if two messages have one layout:
-        the encoding, all strings and the lengths of all sequences."""
+        """The places of the bytes that are equal if and only if two messages have one layout: the
+        encoding, all strings and the lengths of all sequences.
+
+        (k,) of them.
+        """
         return np.concatenate([np.arange(start, end) for start, end in self._shape])
 
     def rows(self, count: int) -> Rows:
@@ -222,6 +225,6 @@ class CdrLayout:
 
 
 def set_stamps(rows: Rows, stamps_ns: IntArray, name: str = "stamp") -> None:
-    """Seconds are rounded down, so that nanoseconds are never negative."""
+    """Seconds are rounded down, so that nanoseconds are never negative. stamps_ns: (n,)."""
     rows[f"{name}_sec"] = stamps_ns // 1_000_000_000
     rows[f"{name}_nanosec"] = stamps_ns % 1_000_000_000

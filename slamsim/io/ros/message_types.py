@@ -125,7 +125,10 @@ def _hash(store: Typestore, name: str, written_as: str) -> str:
 
 
 def register(store: Typestore, name: str, encoding: str, text: str) -> None:
-    """Adds a definition in the ROS 2 .msg, ROS 1 .msg or IDL way of writing."""
+    """Adds a definition in the ROS 2 .msg, ROS 1 .msg or IDL way of writing.
+
+    Raises ValueError for another.
+    """
     if encoding in ("ros2msg", "ros1msg"):
         store.register(get_types_from_msg(text, name))
     elif encoding in ("ros2idl", "omgidl"):

@@ -100,8 +100,11 @@ class ScanOrder:
         self._newest_ns = self._earlier = 0
 
     def is_another_drive(self, stamps_ns: IntArray) -> bool:
-        """stamps_ns: of the scans that arrived next. Single ones that are far too early, such as
-        stamps of 0, are a driver's fault and begin nothing."""
+        """stamps_ns: (n,) of the scans that arrived next.
+
+        Single ones that are far too early, such as stamps of 0, are a driver's fault and begin
+        nothing.
+        """
         for stamp_ns in stamps_ns.tolist():
             self._earlier = self._earlier + 1 if stamp_ns < self._newest_ns - BACK_NS else 0
             self._newest_ns = max(self._newest_ns, stamp_ns)

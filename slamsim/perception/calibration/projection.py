@@ -33,7 +33,10 @@ def project_slopes(model: CameraModel, points_m: FloatArray) -> FloatArray:
 
 
 def with_lens(model: CameraModel, step: FloatArray) -> CameraModel:
-    """The camera after a step of focal lengths, centre and all coefficients of distortion."""
+    """The camera after a step of focal lengths, centre and all coefficients of distortion.
+
+    step: (4 + k,) in pixels, then of k coefficients.
+    """
     K = model.K + np.array([[step[0], 0.0, step[2]], [0.0, step[1], step[3]], [0.0, 0.0, 0.0]])
     coefficients = step[4:].copy()
     coefficients[: len(model.coefficients)] += model.coefficients

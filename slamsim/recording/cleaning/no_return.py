@@ -118,7 +118,7 @@ class RangeSample:
         self._count = self._readings = 0
 
     def add(self, readings_m: Float32Array, angle_step_rad: float) -> None:
-        """The next scan, its readings as recorded."""
+        """The next scan, its readings (beams,) as recorded."""
         if self._count % self._every == 0:
             self.rows.append(readings_m)
             self.numbers.append(self._count)

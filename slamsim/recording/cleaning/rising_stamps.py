@@ -82,7 +82,10 @@ def rising_times(
 
 
 def is_late(stamps_ns: IntArray) -> bool:
-    """Whether any message is stamped before an earlier one by more than transport explains."""
+    """Whether any message is stamped before an earlier one by more than transport explains.
+
+    stamps_ns: (n,).
+    """
     return int((np.maximum.accumulate(stamps_ns) - stamps_ns).max(initial=0)) > MOST_DELAY_NS
 
 

@@ -50,7 +50,10 @@ def recording_of(run: Path) -> Path:
 
 
 def open_viewer(recording: Path) -> None:
-    """Show a recording in a window until the window is closed."""
+    """Show a recording in a window until the window is closed.
+
+    Raises SlamsimError without a screen.
+    """
     if not _has_screen():
         raise SlamsimError(
             "there is no screen here to open a window on; --web serves the recording to a "

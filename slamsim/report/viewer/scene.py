@@ -231,6 +231,7 @@ def log_lines(
     radius_m: float,
     height_m: float,
 ) -> None:
+    """Line strips (n, 2) in metres, so high above the floor of a frame."""
     in_space = [np.column_stack([strip, np.full(len(strip), height_m)]) for strip in strips]
     recording.log(
         entity,

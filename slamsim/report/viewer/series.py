@@ -141,7 +141,10 @@ def wheel_speeds(encoders: EncoderStream, at_most: int) -> tuple[IntArray, Float
 def yaw_rate(
     imu: ImuStream, T_base_imu: FloatArray | None, at_most: int
 ) -> tuple[IntArray, FloatArray]:
-    """Turn rate about the base's z axis, averaged over blocks: middle of each, mean rad/s."""
+    """Turn rate about the base's z axis, averaged over blocks: middle of each, mean rad/s.
+
+    Both (m,). T_base_imu: (4, 4).
+    """
     axis = np.array([0.0, 0.0, 1.0]) if T_base_imu is None else T_base_imu[2, :3]
     rate = imu.angular_velocity_rad_s @ axis
     starts = thinned(rate.size, at_most)

@@ -71,7 +71,8 @@ def render_screenshot(
 ) -> None:
     """Draw a recording's last instant into a PNG file: the whole viewer, or one of its views.
 
-    run: its folder or recording. view_name: a view that is not behind another tab.
+    run: its folder or recording. view_name: a view that is not behind another tab. Raises
+    SlamsimError for a view that is not there.
     """
     with headless_viewer(recording_of(run), *_WINDOW) as client:
         state = _settled(client, run)

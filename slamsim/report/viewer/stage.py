@@ -29,7 +29,10 @@ def timeline(view: RunView) -> str:
 
 def time_column(view: RunView, stamps_ns: IntArray) -> rr.TimeColumn:
     """The clock of a recording whose stamps count from 1970, else the time since the beginning,
-    exact to the nanosecond."""
+    exact to the nanosecond.
+
+    stamps_ns: (n,).
+    """
     if view.log.epoch == "unix":
         instants = np.asarray(stamps_ns).astype("datetime64[ns]")
         return rr.TimeColumn(timeline(view), timestamp=instants)

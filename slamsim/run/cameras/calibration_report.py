@@ -153,7 +153,10 @@ def mount_quantities(
     readout_is_free: bool,
     wanted: str = MOTION_WANTED,
 ) -> Iterator[Quantity]:
-    """Where the camera sits, looking along x, and its clock. wanted: what would tell the mount."""
+    """Where the camera sits, looking along x, and its clock. wanted: what would tell the mount.
+
+    T_base_claimed: (4, 4).
+    """
     values, said = mount_numbers(fit.T_base_camera), None
     off: list[float | None] = [None] * 6
     if T_base_claimed is not None:

@@ -179,7 +179,7 @@ class ParameterSpace:
         return len(self.parameters)
 
     def values(self, z: FloatArray) -> dict[ParameterName, float]:
-        """Every parameter by its name."""
+        """Every parameter by its name. z: (k,) in prior sigmas."""
         return {
             parameter.name: float(parameter.value * np.exp(parameter.sigma * at))
             for parameter, at in zip(self.parameters, z.tolist(), strict=True)

@@ -84,7 +84,10 @@ def varied(robot: RobotConfig, draws: FloatArray) -> RobotConfig:
 
 
 def weighed(robot: RobotConfig) -> Body:
-    """Mass, weight on the driven wheels and scrubbing, as the robot turns in the engine."""
+    """Mass, weight on the driven wheels and scrubbing, as the robot turns in the engine.
+
+    Raises SlamsimError for a robot that does not turn.
+    """
     as_drawn = robot.model_copy(update={"variation": VariationConfig()})
     held = robot.motor.model_copy(update={"kind": "velocity", "gear_friction_n_m": 0.0})
     model = build_robot(as_drawn.model_copy(update={"motor": held}))

@@ -85,7 +85,7 @@ def slam_trial(config: SlamCaseConfig, seed: int, number: int) -> Outcome:
 
 
 def as_grid(arrays: Mapping[str, NDArray[Any]], name: str) -> Grid:
-    """What ``_arrays`` has taken apart."""
+    """What ``_arrays`` has taken apart. occupancy is (rows, columns)."""
     x_m, y_m, resolution_m = arrays[f"{name}_place"].tolist()
     return Grid(arrays[name], resolution_m, (x_m, y_m))
 

@@ -96,7 +96,8 @@ def clusters(squares: Sequence[Square], calibration: WheelCorrection = UNCORRECT
 def classical(found: Clusters, side_m: float, track_m: float) -> WheelCorrection:
     """E_d and E_b by the formulas of 1996, for corners of about 90 degrees and small errors.
 
-    They take x or y of the centres; here it is the mean of both.
+    They take x or y of the centres; here it is the mean of both. Raises SlamsimError for end errors
+    that are too large for the formulas.
     """
     (x_cw, y_cw), (x_ccw, y_ccw) = found.centres_m().tolist()
     # A corner that is short by alpha, a side that turns left by beta.

@@ -94,12 +94,12 @@ class CameraSettings(SensorEntry):
         return f"{self.name}_{imager}_optical_frame"
 
     def T_base_imager(self, config: ImagerConfig) -> FloatArray:  # noqa: N802
-        """Of the optical frame, as it truly is."""
+        """(4, 4) of the optical frame, as it truly is."""
         return self._true_place(config.offset)
 
     @property
     def T_base_projector(self) -> FloatArray:  # noqa: N802
-        """Of the projector's optical frame, as it truly is; of none the camera's."""
+        """(4, 4) of the projector's optical frame, as it truly is; of none the camera's."""
         return self._true_place((self.projector or ProjectorConfig()).offset)
 
     def _true_place(self, offset: OffsetConfig) -> FloatArray:

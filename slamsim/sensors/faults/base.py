@@ -132,7 +132,7 @@ def spells(stamps_ns: IntArray, count: int, length_s: float) -> BoolArray:
 
 
 def span_ns(recording: Recording) -> tuple[int, int]:
-    """The first and the last stamp of all streams."""
+    """The first and the last stamp of all streams. Raises CannotEdit if they hold no message."""
     streams: tuple[RawStream, ...] = (
         *recording.scans,
         *recording.imus,

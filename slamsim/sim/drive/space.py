@@ -78,7 +78,10 @@ def free_space(world: World, resolution_m: float, needed_m: float) -> Space:
 
 
 def narrowest_on_the_way_m(space: Space, start_m: FloatArray, goal_m: FloatArray) -> float:
-    """Radius of the largest disc that can go from one point to the other (bisection)."""
+    """Radius of the largest disc that can go from one point to the other (bisection).
+
+    start_m, goal_m: (2,).
+    """
     ends = space.cells_of(np.stack([start_m, goal_m]))
     low, high = 0.0, float(space.room_m[tuple(ends.T)].min())
     while high - low > 0.002:

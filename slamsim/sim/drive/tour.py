@@ -26,7 +26,7 @@ def closed_tour(lengths: FloatArray) -> IntArray:
 
 
 def tour_length(lengths: FloatArray, tour: IntArray) -> float:
-    """Of the closed tour, the way back included."""
+    """Of the closed tour (n,), the way back included. lengths: (n, n) between goals."""
     return float(lengths[tour, np.roll(tour, -1)].sum())
 
 

@@ -101,7 +101,7 @@ class Description:
     joints: tuple[Joint, ...]
 
     def placements(self) -> dict[str, FloatArray]:
-        """Where each link stands when all joints are at zero."""
+        """(4, 4) where each link stands when all joints are at zero."""
         placed = {self.root: np.eye(4)}
         for joint in self.joints:
             placed[joint.child] = placed[joint.parent] @ joint.T_parent_child

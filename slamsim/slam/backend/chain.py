@@ -28,7 +28,10 @@ def newton_round(
 ) -> tuple[FloatArray, FloatArray]:
     """One step of Gauss and Newton for all poses, and the factors of the four variances.
 
-    numbers: variance of the matches over what they claim, degrees of freedom of Student's t.
+    numbers: variance of the matches over what they claim, degrees of freedom of Student's t. poses:
+    (n, 3). measured: (n, 3) poses, (n, 3, 3) information, (n, 3) offsets, (n,) ranks. odometry:
+    (n - 1, 3) steps and (n - 1, 3, 3) information. covariances: (n, 3, 3), filled. The step is (n,
+    3), the factors are (4,).
     """
     count = poses.shape[0]
     diagonal, beside = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))

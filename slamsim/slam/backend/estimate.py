@@ -38,7 +38,7 @@ class Estimate:
         return self._poses[: self._count]
 
     def begin(self, T_map_base: FloatArray) -> None:
-        """The first key frame."""
+        """The first key frame. T_map_base: (3,)."""
         self._poses[0], self._count = T_map_base, 1
 
     def extend(self, edge: GraphEdge) -> None:

@@ -223,7 +223,8 @@ def variance_factor(poses: FloatArray, edges: Sequence[GraphEdge]) -> float:
 
     The a-posteriori variance of unit weight: the sum of squared residuals over the redundancy,
     which is three for each believed closure that is independent of the others. Closures of
-    neighbouring key frames share most of their scans. 1 where there are too few to tell.
+    neighbouring key frames share most of their scans. 1 where there are too few to tell. poses: (n,
+    3).
     """
     believed = [edge for edge in edges if edge.weight > 0.0]
     closures = sum(edge.kind == "closure" for edge in believed)
@@ -256,7 +257,7 @@ def check_edges(edges: Sequence[GraphEdge]) -> None:
 
 
 def check_joined(poses: FloatArray, joined: DisjointSet[int]) -> None:
-    """Raise GraphUnsound unless the poses are finite and all joined to the first."""
+    """Raise GraphUnsound unless the poses are finite and all joined to the first. poses: (n, 3)."""
     count = len(poses)
     if count == 0 or not is_sound(poses).all():
         raise GraphUnsound(f"not all of the {count} poses of the graph are finite, or they are far")

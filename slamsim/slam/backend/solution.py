@@ -70,7 +70,7 @@ class Solution:
         return [edge for edge in self._graph.edges if edge.kind == "closure"]
 
     def begin(self, T_map_base: FloatArray) -> None:
-        """The first key frame."""
+        """The first key frame. T_map_base: (3,)."""
         self.estimate.begin(T_map_base)
 
     def extend(self, edge: GraphEdge, apart: bool, linked: bool = False) -> None:
@@ -114,7 +114,10 @@ class Solution:
 
     def separate(self, members: IntArray, carried: Sequence[int]) -> None:
         """Forget the closures between these key frames and all others, and the odometry that leads
-        to those of them to which the robot was carried."""
+        to those of them to which the robot was carried.
+
+        members: (k,).
+        """
         self._graph.forget(self.crossing(members))
         for begin in carried:
             self.parts.cut(begin)
@@ -123,7 +126,10 @@ class Solution:
         self._unsolved.clear()
 
     def crossing(self, members: IntArray) -> set[tuple[int, int]]:
-        """The ends of the closures that count between these key frames and others."""
+        """The ends of the closures that count between these key frames and others.
+
+        members: (k,).
+        """
         inside = set(members.tolist())
         ends = {(edge.source, edge.target) for edge in self.closures if edge.weight > 0.0}
         return {(one, other) for one, other in ends if (one in inside) != (other in inside)}

@@ -100,7 +100,7 @@ def shares(knots_ns: IntArray, stamps_ns: IntArray) -> FloatArray:
 
 
 def knots_of(stamps_ns: IntArray, gyro: bool) -> IntArray:
-    """Where the bias may bend: one instant for all without a gyroscope."""
+    """(k,) where the bias may bend, of stamps (n,): one instant for all without a gyroscope."""
     seconds = float(stamps_ns[-1] - stamps_ns[0]) * 1e-9
     count = min(1 + round(seconds / KNOT_S), MOST_KNOTS) if gyro else 1
     return np.linspace(stamps_ns[0], stamps_ns[-1], max(count, 1)).astype(np.int64)

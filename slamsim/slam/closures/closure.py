@@ -114,7 +114,7 @@ class ClosureFinder:
         """The closure of a query that a search of the whole map found there, or why not.
 
         It is not registered: outdoors the same place fits within decimetres only. Others must agree
-        with it before it counts, and what is then found nearby is exact.
+        with it before it counts, and what is then found nearby is exact. T_submap_query: (3,).
         """
         _, space = self._grids.of(submap)
         refusal = self._refuted(query, submap, space, T_submap_query, True, BESIDE_PATH_M)

@@ -36,7 +36,10 @@ class WaitingClosures:
         self._waiting: list[Closure] = []
 
     def add(self, closure: Closure, poses: FloatArray) -> Sequence[Closure]:
-        """The closures that may count now: none, or the new one with all that agree with it."""
+        """The closures that may count now: none, or the new one with all that agree with it.
+
+        poses: (n, 3) of all key frames.
+        """
         agreeing = [other for other in self._waiting if agree(closure, other, poses)]
         if self._witnesses([*agreeing, closure]) < self._min_support:
             self._waiting.append(closure)

@@ -105,7 +105,7 @@ class ClosureSearch:
         return new
 
     def forget(self, members: IntArray) -> None:
-        """These key frames lie elsewhere than they did: nothing was sought there."""
+        """These key frames lie elsewhere than they did: nothing was sought there. members: (k,)."""
         moved = set(members.tolist())
         self._closed = {pair for pair in self._closed if pair[1] not in moved}
 

@@ -112,7 +112,9 @@ class Surfaces:
 
     @property
     def grid(self) -> tuple[FloatArray, IntArray, float, float]:
-        """What the matcher's ``align`` reads."""
+        """What the matcher's ``align`` reads: as ``LocalMap`` has them, surfaces and keys, the size
+        of a cell in metres, and the path from which surfaces count.
+        """
         return self._map.surfaces, self._map.keys, self._map.cell_m, -_EVER_M
 
     def collected(self) -> FloatArray:

@@ -30,6 +30,7 @@ class Visits:
 
         0, so that all are kept, until earlier passes have seen what can be seen from here, facing
         this way. Each further pass needs fewer, for there are those of the passes before.
+        T_map_base: (3,).
         """
         place = _place(T_map_base)
         count, last_m = self._passes.get(place, (0, -np.inf))

@@ -70,7 +70,8 @@ class WholeParts:
 
         What was joined to the map by its looks and fits in several places is joined no longer. What
         follows on by odometry stays where that has it, unless it fits in another place alone.
-        only_joined: parts that no closure joins to the map are left as they are.
+        only_joined: parts that no closure joins to the map are left as they are. Key frames are
+        (k,) of each part.
         """
         moved, carried = [], []
         every = self._parts(solution)

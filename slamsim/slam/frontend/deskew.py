@@ -37,6 +37,7 @@ def tilt_of(T_base_laser: FloatArray) -> float:
     """How far the plane of the beams is off the level, in radians; upside down is level.
 
     Raises SlamsimError where it is so far off that the scans are no cut through the walls.
+    T_base_laser: (4, 4).
     """
     upright = abs(float(T_base_laser[2, 2])) / max(float(np.linalg.norm(T_base_laser[:3, 2])), 1e-9)
     tilt_rad = float(np.arccos(min(upright, 1.0)))

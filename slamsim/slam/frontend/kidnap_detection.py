@@ -72,7 +72,7 @@ class Surroundings:
         return max(float(SUDDEN_NS), SUDDEN_INTERVALS * self._interval_ns)
 
     def placed(self, cloud: Cloud, T_map_base: FloatArray) -> None:
-        """A scan that was placed, for the next ones to be held against."""
+        """A scan that was placed, for the next ones to be held against. T_map_base: (3,)."""
         if self._placed is not None:
             lasted_ns = min(cloud.stamp_ns - self._placed.cloud.stamp_ns, SUDDEN_NS)
             self._interval_ns += LEARN_GAIN * (lasted_ns - self._interval_ns)

@@ -124,7 +124,10 @@ class Odometry:
     def step(
         self, first_ns: int, last_ns: int, parameters: FloatArray, bias_sigma_rad_s: float = 0.0
     ) -> OdometryStep:
-        """The motion over a stretch that is covered; none at all while the robot rests."""
+        """The motion over a stretch that is covered; none at all while the robot rests.
+
+        parameters: (PARAMETERS,).
+        """
         _, poses, jacobian, totals = self._walk(first_ns, last_ns, parameters)
         seconds = (last_ns - first_ns) * 1e-9
         raw_turn_rad, gyro_s = float(totals[3]), float(totals[4])
@@ -157,7 +160,10 @@ class Odometry:
         )
 
     def path(self, first_ns: int, last_ns: int, parameters: FloatArray) -> PlanarTrajectory:
-        """The motion over a stretch that is covered, from the origin, at all stamps within."""
+        """The motion over a stretch that is covered, from the origin, at all stamps within.
+
+        parameters: (PARAMETERS,).
+        """
         last_ns = max(last_ns, first_ns + 1)
         stamps_ns, poses, _, _ = self._walk(first_ns, last_ns, parameters)
         # A stretch that begins where a piece ends touches that piece, but has none of it.

@@ -120,7 +120,10 @@ class Predictor:
         return self._covariance
 
     def place(self, T_map_base: FloatArray, covariance: FloatArray) -> None:
-        """The robot is known to be somewhere else; its speed stays as it was."""
+        """The robot is known to be somewhere else; its speed stays as it was.
+
+        T_map_base: (3,) with its covariance (3, 3).
+        """
         self._T_map_base, self._covariance = T_map_base, covariance
         if self._calibrator is not None:
             self._calibrator.lose()
@@ -180,21 +183,22 @@ class Predictor:
         )
 
     def coasting(self, prediction: Prediction) -> FloatArray:
-        """T_map_base at the prediction's stamp if the robot went on as it did before."""
+        """(3,) T_map_base at the prediction's stamp if the robot went on as it did before."""
         if self._last is None:
             return self._T_map_base
         seconds = min((prediction.stamp_ns - self._last.stamp_ns) * 1e-9, MAX_COAST_S)
         return compose(self._T_map_base, self._velocity * seconds)
 
     def hold(self, prediction: Prediction) -> FloatArray:
-        """T_map_base as predicted of a scan that is to be matched with the next ones; the next
-        prediction starts at the same update as this one."""
+        """(3,) T_map_base as predicted of a scan that is to be matched with the next ones; the next
+        prediction starts at the same update as this one.
+        """
         self.step = self._since_last_scan(prediction, prediction.odometry)
         self._held_ns = prediction.stamp_ns
         return prediction.T_map_base
 
     def update(self, prediction: Prediction, match: Match | None) -> FloatArray:
-        """T_map_base after the match, or as predicted without one."""
+        """(3,) T_map_base after the match, or as predicted without one."""
         self.jumps += prediction.jump
         followed = prediction.T_map_hold if prediction.jump else prediction.T_map_base
         T_map_base = followed if match is None else match.T_map_base

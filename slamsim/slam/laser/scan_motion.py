@@ -146,7 +146,7 @@ def scan_motions(scans: RawScans, activity: FloatArray | None = None) -> ScanMot
 
 
 def window_motions(scans: RawScans, windows: list[IntArray]) -> ScanMotions:
-    """The same by given windows: indices of scans that follow each other, a few seconds each."""
+    """The same by given windows: (k,) indices of scans in a row, a few seconds each."""
     reader = BeamReader(scans)
 
     tracks = _tracked(scans, reader, windows)

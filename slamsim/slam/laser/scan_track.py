@@ -58,7 +58,8 @@ def track_window(
 ) -> LaserTrack:
     """Follow the scans of a window until one of them fits nowhere.
 
-    stamps: of all scans, in ns, and the usual period between neighbours in seconds.
+    stamps: of all scans, in ns, and the usual period between neighbours in seconds. window: (k,) of
+    their numbers, stamps (n,).
     """
     elapsed_s = _elapsed_s(window, *stamps)
     matcher = LineMatcher(FrontEndConfig())

@@ -22,7 +22,7 @@ LEAST_IN_ORDER = 0.8
 
 
 def period_s(stamps_ns: IntArray) -> float:
-    """The usual time from scan to scan, whatever single stamps say."""
+    """The usual time from scan to scan, whatever single stamps say. stamps_ns: (n,)."""
     steps = np.diff(stamps_ns)
     steps = steps[steps > 0]
     usual = float(np.median(steps)) * 1e-9 if steps.size else DEFAULT_PERIOD_S

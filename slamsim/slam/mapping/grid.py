@@ -95,7 +95,7 @@ class Canvas:
         )
 
     def draw(self, cloud: Cloud, T_map_base: FloatArray) -> None:
-        """Enter one cloud."""
+        """Enter one cloud. T_map_base: (3,)."""
         origins, ends, hit = _beams(cloud, self._config)
         if not len(ends):
             return
@@ -148,7 +148,10 @@ class Canvas:
             )
 
     def grid(self) -> Grid:
-        """What was drawn, cut to the cells that were ever touched."""
+        """What was drawn, cut to the cells that were ever touched.
+
+        Raises SlamsimError where nothing was drawn.
+        """
         rows = np.flatnonzero(self._seen.any(axis=1))
         columns = np.flatnonzero(self._seen.any(axis=0))
         if not len(rows):

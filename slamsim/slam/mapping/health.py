@@ -55,7 +55,10 @@ SMOOTHED = 3
 
 
 def carried(before: Submap, now: Submap, T_before_now: FloatArray, size: SubmapConfig) -> bool:
-    """Whether what is seen now cannot have been seen from beside where the robot just was."""
+    """Whether what is seen now cannot have been seen from beside where the robot just was.
+
+    T_before_now: (3,).
+    """
     space = space_grid(before, size.resolution_m, size.radius_m)
     return contradiction(before, space, now, T_before_now, size) > CARRIED_SHARE
 
@@ -142,6 +145,8 @@ def contradiction(
 ) -> float:
     """Share of what each of two pieces of map has seen that stands where the other saw free space:
     the smaller of both shares, or less than HARMLESS; 0 where they know too little of each other.
+
+    T_a_b: (3,).
     """
     there = _share_in_the_open(space_a, b, T_a_b)
     if there < HARMLESS:

@@ -221,7 +221,7 @@ def _newton_step(
 
 @kernel
 def typical_range(pieces: FloatArray) -> float:
-    """Root mean square distance of the pieces, in metres."""
+    """Root mean square distance of the pieces, in metres. pieces: (n, PIECE_FIELDS)."""
     squares = 0.0
     for k in range(pieces.shape[0]):
         squares += pieces[k, X] * pieces[k, X] + pieces[k, Y] * pieces[k, Y]
@@ -235,7 +235,10 @@ def support(
     unit: float,
     grid: tuple[FloatArray, IntArray, float, float],
 ) -> float:
-    """Sum of the robust weights at a pose: how many pieces lie on the map there."""
+    """Sum of the robust weights at a pose: how many pieces lie on the map there.
+
+    pieces: (n, PIECE_FIELDS). T_map_base: (3,).
+    """
     blocks = np.zeros((3, 3, 3))
     sums = (blocks[0], np.zeros(3), blocks[1], blocks[2], np.zeros(SUMMARY_FIELDS))
     _equations(pieces, T_map_base, (LEAST_GATE_M, ROBUST_SIGMAS, 1.0, unit), grid, sums)

@@ -81,7 +81,7 @@ class Matcher(Protocol):
         ...
 
     def insert(self, cloud: Cloud, T_map_base: FloatArray) -> None:
-        """Make the cloud part of the local map."""
+        """Make the cloud part of the local map. T_map_base: (3,)."""
         ...
 
     def forget(self) -> None:

@@ -86,7 +86,10 @@ class LocalMap:
 def move_piece(
     piece: FloatArray, T_a_b: tuple[float, float, float, float], moved: FloatArray
 ) -> None:
-    """Fill ``moved`` with a piece of frame b as seen in frame a; T_a_b: x, y, cosine and sine."""
+    """Fill ``moved`` with a piece of frame b as seen in frame a; T_a_b: x, y, cosine and sine.
+
+    Pieces are (PIECE_FIELDS,).
+    """
     x, y, cos, sin = T_a_b
     px, py = piece[X], piece[Y]
     nx, ny = piece[NORMAL_X], piece[NORMAL_Y]
@@ -102,7 +105,10 @@ def move_piece(
 
 @kernel
 def merge_into(piece: FloatArray, surfaces: FloatArray, slot: int) -> None:
-    """Pool beams, mean and scatter; the normal keeps its side."""
+    """Pool beams, mean and scatter; the normal keeps its side.
+
+    piece: (PIECE_FIELDS,). surfaces: (s, MAP_FIELDS).
+    """
     surface = surfaces[slot]
     a, b = surface[BEAMS], piece[BEAMS]
     total = a + b

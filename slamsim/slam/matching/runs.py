@@ -23,7 +23,7 @@ BREAK_CHI2 = 20.0
 
 @kernel
 def joined(points: FloatArray, origins: FloatArray, i: int, sizes: tuple[float, float]) -> bool:
-    """Whether the returns i and i + 1 are of one surface."""
+    """Whether the returns i and i + 1 are of one surface. points, origins: (n, 2)."""
     noise, reach = sizes
     ax, ay = points[i, 0] - origins[i, 0], points[i, 1] - origins[i, 1]
     bx, by = points[i + 1, 0] - origins[i + 1, 0], points[i + 1, 1] - origins[i + 1, 1]
@@ -42,6 +42,7 @@ def parted(points: FloatArray, origins: FloatArray, first: int, last: int, noise
 
     A corner is found first as the point furthest from the chord (Douglas & Peucker 1973), then to
     the beam by least squares: a few points of another wall would tilt the piece that they are in.
+    points, origins: (n, 2).
     """
     worst, off = _bend(points, first, last)
     if off > BEND_SIGMAS * noise:

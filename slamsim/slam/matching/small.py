@@ -63,7 +63,10 @@ def _rotate(a: FloatArray, axes: FloatArray, p: int, q: int) -> None:
 
 @kernel
 def solve(matrix: FloatArray, right: FloatArray, out: FloatArray) -> None:
-    """Three equations by Cholesky's decomposition; nan where the matrix is not positive."""
+    """Three equations by Cholesky's decomposition; nan where the matrix is not positive.
+
+    matrix: (3, 3). right, out: (3,).
+    """
     m = matrix
     l00 = np.sqrt(m[0, 0])
     l10, l20 = m[1, 0] / l00, m[2, 0] / l00
@@ -80,7 +83,7 @@ def solve(matrix: FloatArray, right: FloatArray, out: FloatArray) -> None:
 
 @kernel
 def invert(matrix: FloatArray, out: FloatArray) -> None:
-    """out <- the inverse of a symmetric matrix, by its cofactors."""
+    """out <- the inverse of a symmetric matrix, by its cofactors. Both (3, 3)."""
     m = matrix
     c00 = m[1, 1] * m[2, 2] - m[1, 2] * m[1, 2]
     c01 = m[0, 2] * m[1, 2] - m[0, 1] * m[2, 2]
@@ -96,7 +99,7 @@ def invert(matrix: FloatArray, out: FloatArray) -> None:
 
 @kernel
 def product(left: FloatArray, right: FloatArray, out: FloatArray) -> None:
-    """out <- left @ right."""
+    """out <- left @ right, all (3, 3)."""
     for i in range(3):
         for j in range(3):
             out[i, j] = (
@@ -106,7 +109,7 @@ def product(left: FloatArray, right: FloatArray, out: FloatArray) -> None:
 
 @kernel
 def sandwich(outer: FloatArray, inner: FloatArray) -> None:
-    """inner <- outer @ inner @ outer, for a symmetric outer."""
+    """inner <- outer @ inner @ outer, for a symmetric outer. Both (3, 3)."""
     half = np.zeros((3, 3))
     for i in range(3):
         for j in range(3):
@@ -121,7 +124,7 @@ def sandwich(outer: FloatArray, inner: FloatArray) -> None:
 
 @kernel
 def times(matrix: FloatArray, vector: FloatArray, out: FloatArray) -> None:
-    """out <- matrix @ vector."""
+    """out <- matrix @ vector: (3, 3) and (3,)."""
     for i in range(3):
         out[i] = matrix[i, 0] * vector[0] + matrix[i, 1] * vector[1] + matrix[i, 2] * vector[2]
 
@@ -136,7 +139,10 @@ def put(row: FloatArray, to: FloatArray) -> None:
 
 @kernel
 def median(values: FloatArray, count: int) -> float:
-    """Of the first ``count``, which are reordered (Hoare's selection); the lower of two middles."""
+    """Of the first ``count``, which are reordered (Hoare's selection); the lower of two middles.
+
+    values: (n,).
+    """
     low, high, middle = 0, count - 1, (count - 1) // 2
     while low < high:
         pivot = values[(low + high) // 2]

@@ -50,7 +50,10 @@ def surface_pieces(cloud: Cloud, noise_m: float, piece_m: float, reach_m: float)
 
 
 def range_noise_m(pieces: FloatArray) -> float:
-    """Standard deviation of a range, as the scatter of the pieces shows it; nan without enough."""
+    """Standard deviation of a range, as the scatter of the pieces shows it; nan without enough.
+
+    pieces: (n, PIECE_FIELDS).
+    """
     return float(_noise(pieces))
 
 

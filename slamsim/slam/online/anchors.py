@@ -39,7 +39,7 @@ class Anchors:
         return self._correction is None or self._correction.joined
 
     def place(self, tracked: Tracked) -> tuple[FloatArray, FloatArray]:
-        """T_map_base of a scan and its covariance."""
+        """(3,) T_map_base of a scan and its covariance (3, 3)."""
         if self._correction is None or self._anchor is None:
             return tracked.T_map_base, np.zeros((3, 3))
         step = between(self._anchor.T_map_base, tracked.T_map_base)

@@ -22,7 +22,8 @@ def warm_up(config: SlamConfig, T_base_laser: FloatArray) -> None:
     """Track a few scans of a square room, some of them from a place that was not predicted.
 
     What is loaded by then is taken out of Python's garbage collection (``gc.freeze``): looking
-    through all of it would hold up a scan by a quarter of a second now and then.
+    through all of it would hold up a scan by a quarter of a second now and then. T_base_laser: (4,
+    4).
     """
     geometry = ScanGeometry(-np.pi, np.pi / 180.0, 360, 200_000, 0.05, 30.0)
     stamps_ns = np.arange(9) * _SCAN_NS

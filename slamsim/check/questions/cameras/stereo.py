@@ -87,7 +87,8 @@ def _pairs(
 def disparity_px(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> float | None:
     """By how many pixels things lie farther to the right in the left of two thumbnails.
 
-    The shift of the best correlation of their edges; None where they are not alike.
+    The shift of the best correlation of their edges; None where they are not alike. left, right:
+    (h, w) grey.
     """
     if left.shape != right.shape or left.shape[1] <= 4 * _SHIFTS:
         return None

@@ -118,7 +118,7 @@ def declared(layout: ScanLayout) -> str:
 
 
 def outside_share(readings: FloatArray, layout: ScanLayout) -> float:
-    """Of readings; those of a common largest value above the maximum are its code for nothing."""
+    """Of readings (n,); a common largest value above the maximum is a code for no return."""
     slack = LIMIT_TOLERANCE * layout.range_max_m
     below = readings < layout.range_min_m - LIMIT_TOLERANCE
     above = (readings > layout.range_max_m + slack) & (readings < readings.max() * _OVERFLOW)

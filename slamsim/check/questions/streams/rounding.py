@@ -27,8 +27,8 @@ _STEPS_S = sorted(
 def rounding_step_s(steps_s: FloatArray) -> float:
     """The step to which stamps are rounded, from the steps between them; 0 if none shows.
 
-    It shows where all are multiples of it, and that not because the messages come evenly: an
-    even stream on a grid is no worse for it.
+    It shows where all are multiples of it, and that not because the messages come evenly: an even
+    stream on a grid is no worse for it. steps_s: (n,).
     """
     moving = steps_s != 0.0
     if moving.sum() < _MIN_STEPS:
@@ -44,7 +44,7 @@ def rounding_step_s(steps_s: FloatArray) -> float:
 def in_equal_groups(steps_s: FloatArray) -> bool:
     """Whether messages share stamps two by two, or three by three, and so on, without exception.
 
-    Then rounding and repeating look the same.
+    Then rounding and repeating look the same. steps_s: (n,) between messages.
     """
     begins = np.flatnonzero(steps_s != 0.0)
     sizes = np.diff(begins)

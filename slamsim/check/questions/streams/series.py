@@ -142,7 +142,10 @@ def without_missing(stamps_ns: IntArray) -> IntArray:
 
 def spread_s(stamps_ns: IntArray, apart: int) -> float:
     """How much the time from a message to the one so many later varies: sigma by the median
-    deviation within some 200 neighbours, so that single gaps and a slow change do not count."""
+    deviation within some 200 neighbours, so that single gaps and a slow change do not count.
+
+    stamps_ns: (n,).
+    """
     elapsed_s = (stamps_ns[apart:] - stamps_ns[:-apart]) * 1e-9
     parts = np.array_split(elapsed_s, max(elapsed_s.size // _LOCAL_STEPS, 1))
     deviations = [np.abs(part - np.median(part)) for part in parts if part.size]
@@ -152,8 +155,8 @@ def spread_s(stamps_ns: IntArray, apart: int) -> float:
 def beat_scatter_s(stamps_ns: IntArray) -> float | None:
     """Sigma of the stamps about an even beat, None where there is none below them.
 
-    Stamps that scatter about a beat stay near it however many messages one counts on; where
-    the sensor itself comes unevenly they wander off.
+    Stamps that scatter about a beat stay near it however many messages one counts on; where the
+    sensor itself comes unevenly they wander off. stamps_ns: (n,).
     """
     whole_ns = without_missing(stamps_ns)
     near_s, far_s = spread_s(whole_ns, _APART), spread_s(whole_ns, _FAR_APART)
@@ -183,7 +186,8 @@ def held_up_s(stamps_ns: IntArray) -> FloatArray:
 def is_even(stamps_ns: IntArray) -> bool:
     """Whether messages come at a beat, near enough to count those that are missing.
 
-    Bursts have none: within one the steps are alike, and far shorter than messages come.
+    Bursts have none: within one the steps are alike, and far shorter than messages come. stamps_ns:
+    (n,).
     """
     period_s = abs(float(np.median(np.diff(stamps_ns)))) * 1e-9
     together = min(_FAR_APART, stamps_ns.size - 1)

@@ -101,7 +101,10 @@ class DaskEngine:
 
 @contextmanager
 def cluster_here(workers: int) -> Iterator[str]:
-    """The address of a scheduler on this machine with one worker of so many threads."""
+    """The address of a scheduler on this machine with one worker of so many threads.
+
+    Raises SlamsimError where Dask is not installed.
+    """
     try:
         import dask
         from distributed import LocalCluster
