@@ -6,8 +6,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
+from slamsim.core.types import FloatArray
 from slamsim.recording import (
     RawImu,
     RawOdometry,
@@ -17,7 +16,7 @@ from slamsim.recording import (
     RecordedTopic,
     Recording,
 )
-from slamsim.recording.frames import FrameTree, in_one_place, odometry_chain
+from slamsim.recording.frames import FrameTree, base_frame_of, mounting_beside, odometry_chain
 
 _FUSED = re.compile(r"filter|[eu]kf|fus(ed|ion)|locali[sz]", re.IGNORECASE)
 """In the usual topic names of estimators that merge wheels and gyroscope (robot_localization)."""
@@ -146,21 +145,21 @@ def lidars_beside(recording: Recording) -> list[RecordedTopic]:
 
 
 def _together(recording: Recording) -> list[str]:
-    """The topics of lidars that are read together: joined to the first by transforms, and each in
-    a place of its own."""
+    """The topics of lidars that are read together, as ``mounting_beside`` lets them."""
     first, *others = lidars(recording)
-    tree, topics = FrameTree(), [first.topic]
-    if others:  # transforms of hours take 150 MB to look through
-        tree.add(recording.transforms)
-    places = [np.eye(4)]
-    beside = {topic.topic for topic in lidars_beside(recording)}
-    for scans in (each for each in others if each.topic in beside):
-        T_first_laser = tree.between(first.frame_ids[0], scans.frame_ids[0])
-        if T_first_laser is None or any(in_one_place(T_first_laser, other) for other in places):
-            continue
-        places.append(T_first_laser)
-        topics.append(scans.topic)
-    return topics
+    if not others:  # transforms of hours take 150 MB to look through
+        return [first.topic]
+    tree, base_frame = FrameTree(), base_frame_of(recording)
+    tree.add(recording.transforms)
+    beside = {first.topic, *(topic.topic for topic in lidars_beside(recording))}
+    places: dict[str, FloatArray] = {}
+    for scans in (each for each in (first, *others) if each.topic in beside):
+        found = mounting_beside(tree, base_frame, scans.frame_ids[0], places)
+        if not isinstance(found, str):
+            places[scans.topic] = found
+        elif scans is first:
+            return [first.topic]
+    return list(places)
 
 
 def topics_of(recording: Recording) -> tuple[RecordedTopic, ...]:

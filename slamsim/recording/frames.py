@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
@@ -133,6 +133,8 @@ BASE_FRAMES = ("base_footprint", "base_link", "base")
 ODOM_FRAME = "odom"
 SAME_PLACE = 1e-3
 """Metres, or of an element of the rotation: no two lidars are as close."""
+MOST_TILT_RAD = np.deg2rad(45.0)
+"""A further lidar tilted by more scans floor and ceiling; upside down it is level again."""
 BASE_FRAME = BASE_FRAMES[0]
 """What odometry is taken to move where there is none."""
 
@@ -180,6 +182,25 @@ def in_one_place(T_base_laser: FloatArray, T_base_other: FloatArray) -> bool:
     """Whether two lidars (4 x 4 each) sit in one place: then they are one lidar under two names,
     as RAWLASER1 and ROBOTLASER1 of CARMEN."""
     return bool(np.allclose(T_base_laser, T_base_other, rtol=0.0, atol=SAME_PLACE))
+
+
+def mounting_beside(
+    tree: FrameTree, base_frame: str, frame: str, others: Mapping[str, FloatArray]
+) -> FloatArray | str:
+    """4 x 4 T_base_laser of one more lidar, or why its scans cannot be used with those of others.
+
+    others: by topic, 4 x 4 each.
+    """
+    known = known_mounting(tree, base_frame, frame)
+    if known is None:
+        return f"no fixed transform from {base_frame!r} to {frame!r}"
+    T_base_laser, _ = known
+    for topic, T_base_other in others.items():
+        if in_one_place(T_base_laser, T_base_other):
+            return f"their lidar sits where that of {topic} does, or is the same one"
+    if abs(T_base_laser[2, 2]) < np.cos(MOST_TILT_RAD):
+        return f"the frame {frame!r} is not level"
+    return T_base_laser
 
 
 def laser_mounting_of(

@@ -17,6 +17,7 @@ from slamsim.config.slam import MappingConfig, SlamConfig
 from slamsim.core.types import Log
 from slamsim.evaluate.trajectory import compare
 from slamsim.recording import RawScans, Recording
+from slamsim.recording.choice import choices
 from slamsim.recording.cleaning.log import clean
 from slamsim.recording.cleaning.scans import paired
 from slamsim.slam.frontend.deskew import deskew
@@ -120,8 +121,12 @@ def test_a_lidar_that_cannot_be_used_is_named_with_the_reason(change: str, words
     else:
         rear = replace(rear, layouts=(replace(rear.layouts[0], angle_step_rad=0.0),))
     changed = recording.with_streams(RawScans, (front, rear))
-    log = cleaned(replace(changed, transforms=tuple(edges.values())))
+    changed = replace(changed, transforms=tuple(edges.values()))
+    log = cleaned(changed)
     assert all(scan.beside == () for scan in log.scans)
+    if change not in ("another day", "no lidar"):  # which only the scans themselves tell
+        (scans,) = (choice for choice in choices(changed) if choice.what == "scans")
+        assert scans.topics == ("/front/scan",)
     (told,) = log.warnings
     assert told.startswith("the scans of /rear/scan are not used: ")
     assert words in told

@@ -14,16 +14,12 @@ from slamsim.recording import RawOdometry, RawScans
 from slamsim.recording.cleaning.rising_stamps import NoTime, Times, is_late, rising_times
 from slamsim.recording.cleaning.scans import RecordedScans, ScansTogether, ScanSurvey
 from slamsim.recording.cleaning.streams import planar_poses
-from slamsim.recording.frames import FrameTree, in_one_place, known_mounting
+from slamsim.recording.frames import FrameTree, mounting_beside
 
 _USUAL_SPEED_M_S, _USUAL_TURN_RAD_S = 0.5, 0.5
 _LEAST_PERIOD_NS, _LONGEST_PERIOD_NS = 100_000_000, 10_000_000_000
 _MOST_GROWTH = 1.05
 """Of the odometry path by sorting: by a few lines in the wrong place it grows no more."""
-
-
-MOST_TILT_RAD = np.deg2rad(45.0)
-"""A further lidar tilted by more scans floor and ceiling; upside down it is level again."""
 
 
 class OtherLidars:
@@ -66,17 +62,10 @@ class OtherLidars:
 
     def _mounting(self, raw: RawScans) -> FloatArray:
         """4 x 4 T_base_laser. Raises _NotUsed for a lidar that has no place of its own."""
-        frame = raw.frame_ids[0]
-        known = known_mounting(self._tree, self._base_frame, frame)
-        if known is None:
-            raise _NotUsed(f"no fixed transform from {self._base_frame!r} to {frame!r}")
-        T_base_laser, _ = known
-        for topic, T_base_other in self._places.items():
-            if in_one_place(T_base_laser, T_base_other):
-                raise _NotUsed(f"their lidar sits where that of {topic} does, or is the same one")
-        if abs(T_base_laser[2, 2]) < np.cos(MOST_TILT_RAD):
-            raise _NotUsed(f"the frame {frame!r} is not level")
-        return T_base_laser
+        found = mounting_beside(self._tree, self._base_frame, raw.frame_ids[0], self._places)
+        if isinstance(found, str):
+            raise _NotUsed(found)
+        return found
 
     def _usable(self, raw: RawScans, source: Path) -> tuple[RecordedScans, list[str]]:
         survey = ScanSurvey(raw)
