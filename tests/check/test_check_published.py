@@ -95,6 +95,20 @@ def test_a_topic_that_names_two_frames_has_two_publishers() -> None:
     assert named(findings) == {"topic_shared"}
 
 
+def test_a_transform_that_a_driver_and_a_filter_publish_has_two_publishers() -> None:
+    recording = healthy()
+    edge = next(one for one in recording.transforms if not one.is_static)
+    second = np.arange(edge.stamps_ns.size) % 2 == 1
+    longer = edge.positions_m * np.where(second, 1.5, 1.0)[:, None]
+    both = tuple(
+        replace(one, positions_m=longer) if one is edge else one for one in recording.transforms
+    )
+    findings = check_publishers(RecordingEvidence(replace(recording, transforms=both)))
+    assert [one.subject for one in findings if one.fault == "topic_shared"] == [
+        f"{edge.topic} {edge.name}"
+    ]
+
+
 def test_an_orientation_that_follows_the_turns_is_one() -> None:
     recording = healthy()
     imu = recording.imus[0]

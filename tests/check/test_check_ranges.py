@@ -427,3 +427,10 @@ def test_millimetres_are_no_coarse_metres() -> None:
     told = {one.fault for one in explained(range_findings(recorded(ranges))) if one.fault}
     assert "range_unit" in told
     assert "ranges_coarse" not in told
+
+
+@pytest.mark.parametrize(("sigma_m", "told"), [(0.15, True), (0.03, False)])
+def test_ranges_that_scatter_more_than_a_lidar_are_told(sigma_m: float, told: bool) -> None:
+    noise_m = sigma_m * np.random.default_rng(4).standard_normal(room().shape)
+    found = {one.fault for one in range_findings(recorded((room() + noise_m).astype(np.float32)))}
+    assert ("range_noise" in found) is told

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from independent.fault import Fault
+from independent.faults_drivers import DRIVER_FAULTS
 from independent.faults_frames import FRAME_FAULTS
 from independent.faults_inertial import INERTIAL_FAULTS
 from independent.faults_laser import LASER_FAULTS
@@ -23,6 +24,7 @@ EVERY = (
     *ODOMETRY_FAULTS,
     *FRAME_FAULTS,
     *INERTIAL_FAULTS,
+    *DRIVER_FAULTS,
 )
 
 FAULTS: dict[str, Fault] = {each.name: each for each in EVERY}

@@ -34,7 +34,7 @@ QUICK = 1_000_001
 LEAST_NAMED, MOST_ALARMS = 0.75, 2
 """What was measured, less what chance makes of it; 0.97 and 0 is what is aimed at."""
 
-EVENTS = {"direction", "frozen", "lost_messages", "slip", "sector", "coverage"}
+EVENTS = {"direction", "frozen", "lost_messages", "slip", "sector", "coverage", "driver_events"}
 """What happens at some time of a drive of a minute."""
 
 

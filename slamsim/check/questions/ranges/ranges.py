@@ -19,6 +19,7 @@ from slamsim.check.questions.ranges.beams import (
     check_lost,
 )
 from slamsim.check.questions.ranges.no_return import NO_RETURN, check_no_return, without_codes
+from slamsim.check.questions.ranges.noise import NOISE, check_noise
 from slamsim.check.questions.ranges.repeats import STUCK, check_repeats
 from slamsim.check.questions.ranges.rounding import ROUNDING, check_rounding
 from slamsim.check.questions.ranges.units import (
@@ -99,6 +100,7 @@ def check_ranges(evidence: RecordingEvidence) -> list[Finding]:
         sample = without_codes(sample)
         findings += [
             check_rounding(scans.topic, sample),
+            check_noise(scans.topic, sample),
             check_repeats(recording, scans, sample),
             *check_beams(scans.topic, sample),
             check_lost(scans.topic, sample),
@@ -118,6 +120,7 @@ GROUP = QuestionGroup(
         LIMITS,
         NO_RETURN,
         ROUNDING,
+        NOISE,
         STUCK,
         CONSTANT,
         DEAD,

@@ -26,7 +26,7 @@ ROUNDING = Question(
             "ranges_coarse",
             "ranges are rounded to large steps",
             (
-                same_subject("scan_stuck", "beams_constant", "beams_lost"),
+                same_subject("scan_stuck", "beams_constant", "beams_lost", "range_noise"),
                 anywhere(*BY_SCANS, "time_offset_wheels", "time_offset_imu", "scans_overlap"),
             ),
         ),

@@ -21,7 +21,7 @@ from slamsim.check.question import (
 )
 from slamsim.core.geometry import between, yaw_from_xyzw
 from slamsim.core.types import BoolArray, Float32Array, FloatArray
-from slamsim.recording import RawImu, RawOdometry, RawScans, RawStream
+from slamsim.recording import RawImu, RawOdometry, RawScans, RawStream, TransformEdge
 
 TRIPLES = 200
 """So many scans are compared with their two neighbours."""
@@ -46,7 +46,7 @@ Stream = TypeVar("Stream", bound=RawStream)
 
 PUBLISHERS = Question(
     "topic.publishers",
-    "each topic has one publisher",
+    "each topic, and each transform of the base, has one publisher",
     (
         FaultKind(
             "topic_shared",
@@ -74,11 +74,13 @@ FRAMES = Question(
 
 
 def check_publishers(evidence: RecordingEvidence) -> list[Finding]:
-    """Each topic with one publisher, each sensor's frame on one topic."""
+    """Each topic and each transform above the base with one publisher, each sensor's frame on one
+    topic."""
     recording = evidence.recording
     streams: list[RawStream] = [*recording.scans, *recording.imus, *recording.odometries]
     return [
         *map(_topic, streams),
+        *map(_transform, evidence.frames.moving_above([evidence.base])),
         *_frames(recording.scans, _same_scans),
         *_frames(recording.imus, _same_turns),
     ]
@@ -95,17 +97,27 @@ def _topic(stream: RawStream) -> Finding:
         odd = _odd_scans(stream)
     elif isinstance(stream, RawOdometry):
         odd = _odd_poses(stream)
+    if len(names) <= 1:
+        return _following(stream.topic, odd)
+    words = f"its messages name {len(names)} frames in turn: {', '.join(names[:5])}"
+    return _judged(stream.topic, 1.0, words)
+
+
+def _transform(edge: TransformEdge) -> Finding:
+    """Of a driver and a filter that both say where the base is one is odd."""
+    return _following(f"{edge.topic} {edge.name}", _odd_poses(edge))
+
+
+def _following(subject: str, odd: BoolArray) -> Finding:
     share = float(odd.mean()) if odd.size >= MIN_TRIPLES else 0.0
-    fault = (
-        f"{100.0 * share:.0f} % of its messages are unlike the ones before and after, which are "
-        "alike"
-    )
-    if len(names) > 1:
-        share = 1.0
-        fault = f"its messages name {len(names)} frames in turn: {', '.join(names[:5])}"
+    words = f"{100.0 * share:.0f} % of its messages are unlike the ones before and after, which are"
+    return _judged(subject, share, f"{words} alike")
+
+
+def _judged(subject: str, share: float, fault: str) -> Finding:
     return judge(
         PUBLISHERS,
-        stream.topic,
+        subject,
         {"ok": "its messages name one frame and follow from each other", "fault": fault},
         Measurement(100.0 * share, 0.0, "%"),
         advice="Give each publisher a topic of its own: remap one of them, or end the node that "
@@ -139,9 +151,9 @@ def _odd_one_out(rows: list[Float32Array]) -> bool | None:
     return min(off[0], off[1]) > ODD_TIMES * off[2] + ODD_M
 
 
-def _odd_poses(odometry: RawOdometry) -> BoolArray:
+def _odd_poses(stream: RawOdometry | TransformEdge) -> BoolArray:
     """(n - 2,) of the poses that are finite."""
-    poses = np.column_stack([odometry.positions_m[:, :2], yaw_from_xyzw(odometry.quats_xyzw)])
+    poses = np.column_stack([stream.positions_m[:, :2], yaw_from_xyzw(stream.quats_xyzw)])
     poses = poses[np.isfinite(poses).all(axis=1)]
     near, far = _lengths(poses[:-1], poses[1:]), _lengths(poses[:-2], poses[2:])
     return np.asarray(np.minimum(near[:-1], near[1:]) > ODD_TIMES * far + ODD_POSE_M)
