@@ -42,7 +42,7 @@ class Place:
     def require_own(self, key_path: KeyPath, name: str) -> None:
         """Raise if this file names one that lies outside of its folder.
 
-        Only who types a name may mean any file of the machine; a file may come from strangers.
+        Only who types a name may mean any file of the machine; a file may come from anyone.
         """
         if self.path is not None and leads_outside(self.folder, name):
             raise self.refusal(

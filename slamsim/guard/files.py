@@ -118,7 +118,7 @@ def own_file(folder: Path, name: str) -> Path:
     """``folder / name``, there or not; InputRefused if a link takes it out of the folder.
 
     What the user names is read wherever it lies, what is found in a folder must belong to it: a
-    folder may come from strangers.
+    folder may come from anyone.
     """
     if leads_outside(folder, name):
         reason = f"is a link that leads out of {folder}; name the file that is meant, or copy it"

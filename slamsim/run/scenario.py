@@ -113,7 +113,7 @@ def tell(result: ScenarioResult, reporter: Reporter) -> None:
     for verdict in result.findings.verdicts:
         mark, style = _MARKS[verdict.holds]
         rows.append((((mark, style),), ((verdict.statement, ""),), ((verdict.numbers, "dim"),)))
-    reporter.rows(Text(f"{result.title}: {result.findings.lead}", "bold"), rows)
+    reporter.rows(Text(f"{result.title}: {result.findings.summary}", "bold"), rows)
     for label, reason in result.failures:
         reporter.warn(f"{result.name}, {label}: {reason}")
 
@@ -161,7 +161,7 @@ def _told(result: ScenarioResult, with_rows: bool) -> dict[str, object]:
     findings = result.findings
     return {
         "title": result.title,
-        "lead": findings.lead,
+        "lead": findings.summary,
         "numbers": dict(findings.numbers),
         "verdicts": [
             {
@@ -185,7 +185,7 @@ def _raw(result: ScenarioResult) -> dict[str, object]:
     findings = result.findings
     return {
         "rows": [dict(row) for row in result.rows],
-        "sheets": [asdict(sheet) for sheet in findings.sheets],
+        "sheets": [asdict(table) for table in findings.tables],
         "charts": [
             {
                 "title": chart.title,
@@ -201,7 +201,7 @@ def _raw(result: ScenarioResult) -> dict[str, object]:
 def _curve(series: Series) -> dict[str, object]:
     return {
         "name": series.name,
-        "who": series.who,
+        "who": series.source,
         "x": _finite(series.x),
         "y": _finite(series.y),
         "spread": None if series.spread is None else [_finite(five) for five in series.spread],

@@ -37,13 +37,13 @@ class Damage:
 
 @dataclass(frozen=True, slots=True)
 class Verified:
-    """What was read. vouched_by: the checksums it was compared with, in words.
+    """What was read. checked_against: the checksums it was compared with, in words.
 
     files, size_bytes: read. extra: files without a checksum beside them.
     """
 
     path: str
-    vouched_by: str
+    checked_against: str
     files: int
     size_bytes: int
     damaged: tuple[Damage, ...] = ()
@@ -148,19 +148,19 @@ def _recording(path: Path) -> Verified:
     names = [recording / name for name in files_in(recording)] or [recording]
     size_bytes = sum(name.stat().st_size for name in names)
     try:
-        vouched_by = checked_recording(recording)
+        checked_against = checked_recording(recording)
     except InputRefused as refusal:
         if refusal.limit:
             raise
         place = ", ".join(filter(None, (str(refusal.path), refusal.where)))
         damage = Damage(place, refusal.reason)
         return Verified(str(path), "its own checksums", len(names), size_bytes, (damage,))
-    return Verified(str(path), vouched_by, len(names), size_bytes)
+    return Verified(str(path), checked_against, len(names), size_bytes)
 
 
 def _tell(found: Verified, reporter: Reporter) -> None:
     rows = {
-        "compared with": found.vouched_by,
+        "compared with": found.checked_against,
         "read": f"{found.files:,} files, {as_size(found.size_bytes)}",
         "not as written": f"{len(found.damaged):,} of the files" if found.damaged else "nothing",
         "no checksum": f"{len(found.extra):,} more files" if found.extra else "no other file",

@@ -14,7 +14,7 @@ from slamsim.core.types import FloatArray, Grid, Trajectory
 Value = float | int | str | bool | None
 Row = Mapping[str, Value]
 
-Who = Literal["slamsim", "unity", "gazebo", "reality", "theory"]
+Source = Literal["slamsim", "unity", "gazebo", "reality", "theory"]
 """Whose result: each has its own colour in every figure."""
 
 Settings = TypeVar("Settings", bound=Config)
@@ -91,7 +91,7 @@ class Series:
     """One curve. x, y: (n,). spread: (n, 5) least, quartiles, largest of boxes, else None."""
 
     name: str
-    who: Who
+    source: Source
     x: FloatArray
     y: FloatArray
     kind: Literal["line", "points", "line+points", "boxes"] = "line"
@@ -117,10 +117,10 @@ class Chart:
 class Findings:
     """What the trials of a scenario say together. numbers: the few that matter, unit-bearing."""
 
-    lead: str
+    summary: str
     numbers: Row
     verdicts: tuple[Verdict, ...]
-    sheets: tuple[ResultTable, ...] = ()
+    tables: tuple[ResultTable, ...] = ()
     charts: tuple[Chart, ...] = ()
 
 

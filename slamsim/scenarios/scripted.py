@@ -16,7 +16,7 @@ from slamsim.config.scenarios.robots import SquareScript, StraightScript
 from slamsim.core.randomness import random_bits
 from slamsim.core.types import FloatArray, IntArray, Trajectory
 from slamsim.guard.errors import SlamsimError
-from slamsim.scenarios.base import BodyMotion, Solid, Who
+from slamsim.scenarios.base import BodyMotion, Solid, Source
 from slamsim.sim.drive.script import CONTROL_HZ, Command, ScriptedRun
 from slamsim.sim.robot.model import RobotModel
 
@@ -134,7 +134,7 @@ def run_seed(seed: int, *names: str) -> int:
     return random_bits(seed, *names) >> 1
 
 
-FIFTH_STOP_M: dict[Who, tuple[float, float]] = {
+FIFTH_STOP_M: dict[Source, tuple[float, float]] = {
     "theory": (6.0, 0.0),
     "reality": (5.5, 0.3),
     "unity": (5.0, 1.5),
@@ -156,7 +156,7 @@ class SquareFigures:
     corner_deg: float | None
 
 
-SQUARES: dict[Who, SquareFigures] = {
+SQUARES: dict[Source, SquareFigures] = {
     "reality": SquareFigures(1.06, 1.8, 70.0),
     "unity": SquareFigures(1.56, None, 70.0),
     "gazebo": SquareFigures(0.02, 0.01, None),

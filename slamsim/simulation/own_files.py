@@ -1,6 +1,6 @@
 """Copies the configuration and the files that it names into the folder of a run.
 
-A file may come from strangers, so each goes through the loader of its kind first, which says what
+A file may come from anyone, so each goes through the loader of its kind first, which says what
 else it names; nothing is copied before all have passed, and nothing to a place outside.
 """
 

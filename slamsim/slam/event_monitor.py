@@ -14,7 +14,7 @@ from slamsim.slam.events import Spells
 from slamsim.slam.frontend.prediction import Prediction
 from slamsim.slam.matching.base import Match
 
-Fate = Literal["first", "matched", "blind", "lost", "held back"]
+TrackingState = Literal["first", "matched", "blind", "lost", "held back"]
 """A scan that began a map, that was matched, that saw too little, that fitted nowhere, that is kept
 to be matched with the next ones."""
 
@@ -48,7 +48,7 @@ LEAST_PATH_M = 2.0
 """A robot that has hardly moved is where it was, whatever its scans show."""
 
 
-class Watch:
+class EventMonitor:
     """Sees each tracked scan once, in time order, and remembers what was odd."""
 
     def __init__(self) -> None:
@@ -63,11 +63,15 @@ class Watch:
         self._path_m = self._unplaced_m = 0.0
 
     def see(
-        self, prediction: Prediction, T_map_base: FloatArray, fate: Fate, match: Match | None = None
+        self,
+        prediction: Prediction,
+        T_map_base: FloatArray,
+        state: TrackingState,
+        match: Match | None = None,
     ) -> None:
         """One more scan, where it was placed, and why there. T_map_base: (3,)."""
         before, stamp_ns = self._T_map_base, prediction.stamp_ns
-        if fate == "held back" and self._last_ns is not None:
+        if state == "held back" and self._last_ns is not None:
             self._look_for_gap(stamp_ns, between(before, T_map_base))
             self._held_back.append((stamp_ns, before, T_map_base))
             self._last_ns = stamp_ns
@@ -76,22 +80,22 @@ class Watch:
         if self._last_ns is None:
             self._first_ns = self._last_ns = stamp_ns
             return
-        if fate in ("blind", "lost"):
-            spells = self._blind if fate == "blind" else self._lost
+        if state in ("blind", "lost"):
+            spells = self._blind if state == "blind" else self._lost
             for one in (*self._held_back, (stamp_ns, before, T_map_base)):
                 spells.mark(*one)
         self._held_back.clear()
         moved, step = between(before, T_map_base), prediction.T_last_base
         moved_m = float(np.hypot(moved[0], moved[1]))
         self._path_m += moved_m
-        self._unplaced_m += moved_m if fate in ("blind", "lost") else _unseen_m(moved, match)
+        self._unplaced_m += moved_m if state in ("blind", "lost") else _unseen_m(moved, match)
         self._look_for_gap(stamp_ns, moved)
         self._reported |= prediction.odometry is not None
         if prediction.odometry is None:
             self._silent.mark(stamp_ns, before, T_map_base)
         if prediction.jump:
             self._jumps.mark(stamp_ns, np.zeros(3), step)
-        elif fate == "matched":
+        elif state == "matched":
             if np.hypot(step[0], step[1]) < FROZEN_M:
                 self._frozen.mark(stamp_ns, before, T_map_base)
             if abs(step[2]) > TURN_TO_COMPARE_RAD:

@@ -137,7 +137,7 @@ def test_of_a_recording_it_says_what_its_checksums_vouch_for(
     path = make(tmp_path)
     found = verify_path(path)
     assert found.whole and found.size_bytes > 0
-    assert re.search(words, found.vouched_by), found.vouched_by
+    assert re.search(words, found.checked_against), found.checked_against
 
 
 def test_a_cut_or_altered_recording_is_damaged(tmp_path: Path) -> None:

@@ -110,10 +110,10 @@ def test_the_command_leaves_a_whole_folder_and_tells_its_numbers(tmp_path: Path)
     told = json.loads(done.stdout)
     report = json.loads((out / "report.json").read_text())
     found = report["scenarios"]["integrator"]
-    rows, sheets, charts = (found.pop(name) for name in ("rows", "sheets", "charts"))
+    rows, tables, charts = (found.pop(name) for name in ("rows", "sheets", "charts"))
     assert report == {key: value for key, value in told.items() if key != "folder"}
     assert report["seed"] == 4
-    assert sheets[0]["rows"]
+    assert tables[0]["rows"]
     assert charts[0]["series"][0]["who"] == "slamsim"
     assert report["trials_failed"] == 0
     with (out / "integrator.csv").open() as file:
@@ -176,7 +176,7 @@ def test_a_urdf_without_wheels_is_a_failed_trial_with_its_reason(tmp_path: Path)
 
     assert result.rows == ()
     assert all("wheel" in reason for _, reason in result.failures)
-    assert result.findings.lead == "No trial came to an end."
+    assert result.findings.summary == "No trial came to an end."
 
 
 def test_a_robot_that_cannot_be_built_is_refused_before_anything_runs(tmp_path: Path) -> None:

@@ -46,17 +46,17 @@ def test_trials_that_fail_die_or_hang_are_told_of_and_the_others_go_on() -> None
 
 
 @pytest.mark.parametrize(
-    ("settings", "lead"),
+    ("settings", "summary"),
     [
         ({"trials": 1, "ways": {"0": "raises"}}, "No trial came to an end."),
         ({"trials": 1, "conclusive": False}, "Nothing can be concluded."),
     ],
 )
 def test_without_a_conclusion_what_was_found_is_still_there(
-    settings: dict[str, Any], lead: str
+    settings: dict[str, Any], summary: str
 ) -> None:
     result = run(**settings)
 
-    assert result.findings.lead == lead
+    assert result.findings.summary == summary
     assert result.failures
     assert result.engine["time_step_s"] == 0.01

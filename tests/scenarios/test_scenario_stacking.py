@@ -132,8 +132,8 @@ def test_no_collapse_up_to_the_cap_is_said(stacks: list[Outcome]) -> None:
     outcomes = [stacking.smallest_stack(config, "standard", 0.02, seed=0)]
     assert outcomes[0].values["boxes"] is None and outcomes[0].values["standing_boxes"] == 2
     findings = stacking.SCENARIO.conclude(config, outcomes)
-    assert "No stack of up to 2 boxes collapsed" in findings.lead and plain(findings)
-    assert findings.sheets[0].rows[0][1] == "> 2"
+    assert "No stack of up to 2 boxes collapsed" in findings.summary and plain(findings)
+    assert findings.tables[0].rows[0][1] == "> 2"
 
 
 def test_few_sweeps_stack_lower(stacks: list[Outcome]) -> None:

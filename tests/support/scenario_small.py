@@ -48,7 +48,7 @@ def plain(findings: Findings) -> bool:
         for series in chart.series:
             numbers += [*series.x, *series.y]
     rectangular = all(
-        len(row) == len(sheet.header) for sheet in findings.sheets for row in sheet.rows
+        len(row) == len(table.header) for table in findings.tables for row in table.rows
     )
     whole = all(type(verdict.holds) in (bool, type(None)) for verdict in findings.verdicts)
     return all(math.isfinite(number) for number in numbers) and rectangular and whole

@@ -59,14 +59,14 @@ def _conclude(config: StubConfig, outcomes: Sequence[Outcome]) -> Findings:
         Series("theory", "theory", x, x**2, dashed=True),
     )
     return Findings(
-        lead=f"Squares grow {HOSTILE}.",
+        summary=f"Squares grow {HOSTILE}.",
         numbers={"largest": y.max()},
         verdicts=(
             Verdict("squares grow", "theory", True, f"{len(y)} of them {HOSTILE}"),
             Verdict("they shrink", "study", False, "not at all"),
             Verdict("they are blue", "reality", None, ""),
         ),
-        sheets=(ResultTable(f"Numbers {HOSTILE}", ("n", "n²"), ((HOSTILE, "0"),), HOSTILE),),
+        tables=(ResultTable(f"Numbers {HOSTILE}", ("n", "n²"), ((HOSTILE, "0"),), HOSTILE),),
         charts=(Chart(f"Squares {HOSTILE}", "n", "n² [m] $x", curves, note=HOSTILE),),
     )
 

@@ -85,7 +85,7 @@ class Location:
         return tuple(sorted(path[len(where) + 1 :] for path in found))
 
     def _at(self, path: str) -> tuple[Any, str]:
-        """The file system, and what it calls a path: a catalogue may come from strangers."""
+        """The file system, and what it calls a path: a catalogue may come from anyone."""
         files, root = _reached(self.address)
         is_local = isinstance(files, LocalFileSystem)
         if ".." in path.split("/") or (is_local and leads_outside(Path(root), path)):

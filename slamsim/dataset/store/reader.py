@@ -170,7 +170,7 @@ class Dataset:
         return self.filter(pc.field("split") == name)
 
     def filter(self, condition: pc.Expression) -> Dataset:
-        """Those whose row fulfils it: ``pc.field("quality.path_length_m") > 20``.
+        """Those for whose row it holds: ``pc.field("quality.path_length_m") > 20``.
 
         ``pc`` is pyarrow.compute; ``dataset.manifest.column_names`` are the fields.
         """

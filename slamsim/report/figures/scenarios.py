@@ -22,16 +22,16 @@ from slamsim.evaluate.grid import cell_centres, occupied
 from slamsim.report.figures.palette import ACCEPTED, ESTIMATE, NEUTRAL, ODOMETRY, TRUTH, rgb
 from slamsim.report.figures.run import PAGE_INK, STYLE, map_colours, show_cells, svg
 from slamsim.report.run_view import thinned
-from slamsim.scenarios.base import Chart, Series, Who
+from slamsim.scenarios.base import Chart, Series, Source
 
-_COLOURS: dict[Who, str] = {
+_COLOURS: dict[Source, str] = {
     "slamsim": ESTIMATE,
     "unity": ODOMETRY,
     "gazebo": ACCEPTED,
     "reality": TRUTH,
     "theory": PAGE_INK,
 }
-_MARKERS: dict[Who, str] = {
+_MARKERS: dict[Source, str] = {
     "slamsim": "osD^vPX",
     "unity": "s",
     "gazebo": "^",
@@ -39,7 +39,7 @@ _MARKERS: dict[Who, str] = {
     "theory": "x",
 }
 """Of several of ours each has its own; the first is that of a single one."""
-_HEIGHTS: dict[Who, float] = {"slamsim": 3.0, "theory": 3.5}
+_HEIGHTS: dict[Source, float] = {"slamsim": 3.0, "theory": 3.5}
 """Thin and dashed, theory is seen above what agrees with it."""
 _LIGHTNESS, _HUES, _MOST_SATURATED = (0.42, 0.62), (-0.04, 0.08), 0.75
 """Between these lightnesses, and so far apart in hue, lie several series of one, from
@@ -116,21 +116,23 @@ def _legend_columns(names: Sequence[str], width: float) -> int:
 
 def looks_of(chart: Chart) -> tuple[SeriesStyle, ...]:
     """Series of one and the same differ in shade and marker, points also in being hollow."""
-    of_all = Counter(series.who for series in chart.series)
-    before: Counter[Who] = Counter()
+    of_all = Counter(series.source for series in chart.series)
+    before: Counter[Source] = Counter()
     looks = []
     for series in chart.series:
-        k, of = before[series.who], of_all[series.who]
-        before[series.who] += 1
+        k, of = before[series.source], of_all[series.source]
+        before[series.source] += 1
         looks.append(_look(series, k, of))
     return tuple(looks)
 
 
 def _look(series: Series, k: int, of: int) -> SeriesStyle:
-    ink, markers = series.who == "theory", _MARKERS[series.who]
+    ink, markers = series.source == "theory", _MARKERS[series.source]
     dash = _DASHES[k % len(_DASHES)] if ink else _DASHES[0] if series.dashed else None
     return SeriesStyle(
-        colour=_COLOURS[series.who] if ink or of == 1 else _shade(_COLOURS[series.who], k, of),
+        colour=_COLOURS[series.source]
+        if ink or of == 1
+        else _shade(_COLOURS[series.source], k, of),
         line=series.kind in ("line", "line+points"),
         dash=dash,
         marker="" if series.kind == "line" else markers[k % len(markers)],
@@ -202,11 +204,11 @@ def _draw_curve(axes: Axes, series: Series, look: SeriesStyle) -> None:
         series.y[pick],
         color=look.colour,
         linestyle=(look.dash or "-") if look.line else "none",
-        linewidth=1.0 if series.who == "theory" else 1.4,
+        linewidth=1.0 if series.source == "theory" else 1.4,
         marker=look.marker or None,
         markersize=4.5,
         markerfacecolor="none" if look.hollow else look.colour,
-        zorder=_HEIGHTS.get(series.who, 2.5),
+        zorder=_HEIGHTS.get(series.source, 2.5),
     )
 
 

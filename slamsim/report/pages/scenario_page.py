@@ -22,12 +22,12 @@ def scenario_page(results: Sequence[ScenarioResult], seed: int, versions: Mappin
     """The whole page: of several scenarios first what they say together."""
     several = len(results) > 1
     title = "The scenarios of the study" if several else results[0].title
-    lead = _together(results) if several else results[0].findings.lead
+    summary = _together(results) if several else results[0].findings.summary
     parts = [_summary(results)] if several else []
     parts += [_scenario(result, headed=several) for result in results]
     software = "\n".join(f"{name}: {version}" for name, version in versions.items())
     parts.append(section("Software", f"<p>Seed {seed}</p>" + details("Versions", software)))
-    return page(title, lead, "".join(parts), _FOOTER, STYLE)
+    return page(title, summary, "".join(parts), _FOOTER, STYLE)
 
 
 def _together(results: Sequence[ScenarioResult]) -> str:
@@ -44,7 +44,7 @@ def _summary(results: Sequence[ScenarioResult]) -> str:
     rows = "".join(
         f'<tr><td><a href="#{escape(result.name)}">{escape(result.title)}</a></td>'
         f'<td class="dots">{"".join(mark(each.holds) for each in result.findings.verdicts)}</td>'
-        f"<td>{_share(result.findings.verdicts)}</td><td>{escape(result.findings.lead)}</td></tr>"
+        f"<td>{_share(result.findings.verdicts)}</td><td>{escape(result.findings.summary)}</td></tr>"
         for result in results
     )
     head = "<th>scenario</th><th>statements</th><th>hold</th><th>result</th>"
@@ -57,14 +57,14 @@ def _summary(results: Sequence[ScenarioResult]) -> str:
 def _scenario(result: ScenarioResult, headed: bool) -> str:
     findings = result.findings
     head = f"<h2>{escape(result.title)}</h2>" if headed else ""
-    lead = f'<p class="lead">{escape(findings.lead)}</p>' if headed else ""
+    summary = f'<p class="lead">{escape(findings.summary)}</p>' if headed else ""
     body = (
         head
-        + lead
+        + summary
         + warnings([f"{label}: {reason}" for label, reason in result.failures])
         + chart_rows(findings.charts, result.name)
         + (f"<h3>Verdicts</h3>{verdict_table(findings.verdicts)}" if findings.verdicts else "")
-        + "".join(map(sheet_table, findings.sheets))
+        + "".join(map(result_table, findings.tables))
         + number_list("Numbers", findings.numbers)
         + number_list("Physics engine", result.engine)
         + details("Parameters", dump_commented_yaml(result.config))
@@ -134,12 +134,12 @@ def mark(holds: bool | None) -> str:
     return f'<span class="{kind}" role="img" aria-label="{words}" title="{words}">{sign}</span>'
 
 
-def sheet_table(sheet: ResultTable) -> str:
+def result_table(result: ResultTable) -> str:
     """With its title and note; a long one is folded away."""
-    shown = table(Table(sheet.header, sheet.rows), sheet.note)
-    if len(sheet.rows) <= _MOST_ROWS:
-        return f"<h3>{escape(sheet.title)}</h3>{shown}"
-    return f"<details><summary>{escape(sheet.title)}</summary>{shown}</details>"
+    shown = table(Table(result.header, result.rows), result.note)
+    if len(result.rows) <= _MOST_ROWS:
+        return f"<h3>{escape(result.title)}</h3>{shown}"
+    return f"<details><summary>{escape(result.title)}</summary>{shown}</details>"
 
 
 def number_list(title: str, row: Row) -> str:

@@ -16,17 +16,17 @@ from slamsim.scenarios.identify.fit import Foreseen, sigmas_left
 from slamsim.scenarios.identify.identify import Identified
 from slamsim.scenarios.identify.tables import (
     UNTOUCHED,
-    directions_sheet,
+    directions_table,
     expected_figures,
-    figures_sheet,
-    left_out_sheet,
+    figures_table,
+    left_out_table,
     measured,
     misses,
     odometry_corner_deg,
-    others_sheet,
-    parameters_sheet,
+    others_table,
+    parameters_table,
     plain_name,
-    set_back_sheet,
+    set_back_table,
 )
 
 WITHIN_SIGMAS = 2.0
@@ -36,22 +36,22 @@ WITHIN_SIGMAS = 2.0
 def identification_found(found: Identified) -> Findings:
     """The findings of an identification."""
     return Findings(
-        lead=_lead(found),
+        summary=_summary(found),
         numbers=_numbers(found),
         verdicts=tuple(_verdicts(found)),
-        sheets=(
-            figures_sheet(found),
-            parameters_sheet(found),
-            directions_sheet(found),
-            set_back_sheet(found),
-            left_out_sheet(found),
-            others_sheet(found),
+        tables=(
+            figures_table(found),
+            parameters_table(found),
+            directions_table(found),
+            set_back_table(found),
+            left_out_table(found),
+            others_table(found),
         ),
         charts=(_chart(found),),
     )
 
 
-def _lead(found: Identified) -> str:
+def _summary(found: Identified) -> str:
     figures, space = found.experiment.figures, found.experiment.space
     left = sigmas_left(found.fit)
     silent = [p.words for p, s in zip(space.parameters, left, strict=True) if s > UNTOUCHED]

@@ -51,7 +51,7 @@ def measured(figure: FigureConfig) -> str:
     return f"{kind}{figure.value:g} ± {figure.sigma:g}"
 
 
-def figures_sheet(found: Identified) -> ResultTable:
+def figures_table(found: Identified) -> ResultTable:
     """Every figure as measured, as of the identified robot, as drawn, and as others have it."""
     figures = found.experiment.figures
     others = list(dict.fromkeys(name for figure in figures for name in figure.others))
@@ -90,7 +90,7 @@ def _or_blank(value: float) -> str:
     return "" if np.isnan(value) else f"{value:.3g}"
 
 
-def parameters_sheet(found: Identified) -> ResultTable:
+def parameters_table(found: Identified) -> ResultTable:
     """What was believed of each parameter, and what the figures make of that."""
     fit, space = found.fit, found.experiment.space
     values, left = space.values(fit.z), sigmas_left(fit).tolist()
@@ -128,7 +128,7 @@ def directions(found: Identified) -> list[tuple[float, list[tuple[Parameter, flo
     return made
 
 
-def directions_sheet(found: Identified) -> ResultTable:
+def directions_table(found: Identified) -> ResultTable:
     """The axes of the posterior in words."""
     rows = []
     for share, parts in directions(found):
@@ -147,7 +147,7 @@ def directions_sheet(found: Identified) -> ResultTable:
     return ResultTable("What can be told apart", header, tuple(rows), note)
 
 
-def set_back_sheet(found: Identified) -> ResultTable:
+def set_back_table(found: Identified) -> ResultTable:
     """What each parameter does to the figures."""
     experiment, z = found.experiment, found.fit.z
     rows = [("as found", *(f"{value:.3g}" for value in expected_figures(found)))]
@@ -164,7 +164,7 @@ def set_back_sheet(found: Identified) -> ResultTable:
     return ResultTable("Which figure tells of what", header, tuple(rows), note)
 
 
-def left_out_sheet(found: Identified) -> ResultTable:
+def left_out_table(found: Identified) -> ResultTable:
     """What the figures of the other scenarios have each scenario be."""
     rows = []
     for scenario, others in found.left_out.items():
@@ -186,7 +186,7 @@ def left_out_sheet(found: Identified) -> ResultTable:
     return ResultTable("Leave one scenario out", header, tuple(rows), note)
 
 
-def others_sheet(found: Identified) -> ResultTable:
+def others_table(found: Identified) -> ResultTable:
     """The other maxima of the posterior."""
     space, best = found.experiment.space, found.fits[0]
     rows = []

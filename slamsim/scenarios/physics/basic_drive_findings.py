@@ -10,7 +10,7 @@ import numpy as np
 
 from slamsim.config.scenarios.robots import BasicDriveConfig
 from slamsim.core.types import FloatArray
-from slamsim.scenarios.base import Chart, Findings, Outcome, ResultTable, Series, Verdict, Who
+from slamsim.scenarios.base import Chart, Findings, Outcome, ResultTable, Series, Source, Verdict
 from slamsim.scenarios.scripted import (
     FIFTH_STOP_DRIVE_S,
     FIFTH_STOP_M,
@@ -54,10 +54,10 @@ def stops_found(
     found = [stops for name in robots if (stops := _stops_of(name, outcomes)) is not None]
     compared = _is_the_studys(config)
     return Findings(
-        lead=_lead(found, theory_m),
+        summary=_summary(found, theory_m),
         numbers=_numbers(found),
         verdicts=(*_straight(found, theory_m), *(_fifth(found) if compared else ())),
-        sheets=(*_stop_sheets(found, theory_m), *((_compared(found),) if compared else ())),
+        tables=(*_stop_tables(found, theory_m), *((_compared(found),) if compared else ())),
         charts=(_places_chart(found, theory_m, compared), _paths_chart(found)),
     )
 
@@ -79,7 +79,7 @@ def _stops_of(robot: str, outcomes: Sequence[Outcome]) -> Stops | None:
     return Stops(robot, places_m, tuple(arrays["path_m"] for arrays in own))
 
 
-def _lead(found: Sequence[Stops], theory_m: FloatArray) -> str:
+def _summary(found: Sequence[Stops], theory_m: FloatArray) -> str:
     told = [
         f"{stops.robot} ends its last way out at ({x:.2f}, {y:.2f}) m"
         for stops in found
@@ -146,7 +146,8 @@ def _fifth(found: Sequence[Stops]) -> list[Verdict]:
         return []
     off_m = _from_reality_m(identified.means_m[FIFTH])
     unity_m, gazebo_m = (
-        _from_reality_m(np.array(FIFTH_STOP_M[who])) for who in cast(list[Who], ["unity", "gazebo"])
+        _from_reality_m(np.array(FIFTH_STOP_M[source]))
+        for source in cast(list[Source], ["unity", "gazebo"])
     )
     x, y = identified.means_m[FIFTH].tolist()
     return [
@@ -165,9 +166,9 @@ def _fifth(found: Sequence[Stops]) -> list[Verdict]:
     ]
 
 
-def _stop_sheets(found: Sequence[Stops], theory_m: FloatArray) -> list[ResultTable]:
+def _stop_tables(found: Sequence[Stops], theory_m: FloatArray) -> list[ResultTable]:
     header = ("stop", "theory x [m]", "mean x [m]", "mean y [m]", "sd x [m]", "sd y [m]", "off [m]")
-    sheets = []
+    tables = []
     for stops in found:
         rows = []
         for stop, x in enumerate(theory_m):
@@ -177,10 +178,10 @@ def _stop_sheets(found: Sequence[Stops], theory_m: FloatArray) -> list[ResultTab
             rows.append((str(stop + 1), f"{x:g}", *numbers))
         runs = len(stops.places_m)
         note = "It is the same in every run." if runs == 1 else ""
-        sheets.append(
+        tables.append(
             ResultTable(f"Stops of {stops.robot}, {runs} runs", header, tuple(rows), note)
         )
-    return sheets
+    return tables
 
 
 def _compared(found: Sequence[Stops]) -> ResultTable:
@@ -205,10 +206,10 @@ def _places_chart(found: Sequence[Stops], theory_m: FloatArray, compared: bool) 
         *(part for stops in found for part in _clusters(stops)),
     ]
     if compared:
-        for who in cast(list[Who], ["reality", "unity", "gazebo"]):
-            x, y = FIFTH_STOP_M[who]
-            name = f"{who}, fifth stop"
-            series.append(Series(name, who, np.array([x]), np.array([y]), "points"))
+        for source in cast(list[Source], ["reality", "unity", "gazebo"]):
+            x, y = FIFTH_STOP_M[source]
+            name = f"{source}, fifth stop"
+            series.append(Series(name, source, np.array([x]), np.array([y]), "points"))
     return Chart(
         "Where it stops",
         "x [m]",

@@ -31,7 +31,7 @@ def collision_findings(config: CollisionConfig, rows: Sequence[Row]) -> Findings
         if row["solver"] == STANDARD and row["step_s"] in config.steps.values_s()
     ]
     return Findings(
-        lead=_lead(of_study),
+        summary=_summary(of_study),
         numbers=_numbers(of_study),
         verdicts=(
             *(_grows(of_study, kind, which) for kind in KINDS for which in ("mean", "most")),
@@ -39,7 +39,7 @@ def collision_findings(config: CollisionConfig, rows: Sequence[Row]) -> Findings
             _list_agrees(known),
             _no_energy_gained(of_study),
         ),
-        sheets=(_sheet_of_steps(of_study), _sheet_of_solvers(config, rows)),
+        tables=(_table_of_steps(of_study), _table_of_solvers(config, rows)),
         charts=(
             *(_boxes(of_study, kind) for kind in KINDS),
             _chart_of_solvers(config, known),
@@ -48,7 +48,7 @@ def collision_findings(config: CollisionConfig, rows: Sequence[Row]) -> Findings
     )
 
 
-def _lead(rows: Sequence[Row]) -> str:
+def _summary(rows: Sequence[Row]) -> str:
     if not rows:
         return "No fall came to an end."
     first, last = rows[0], rows[-1]
@@ -112,7 +112,7 @@ def _no_energy_gained(rows: Sequence[Row]) -> Verdict:
     return Verdict(statement, "theory", gain < ENERGY_GAIN, f"{100 * gain:.2g} % more at most")
 
 
-def _sheet_of_steps(rows: Sequence[Row]) -> ResultTable:
+def _table_of_steps(rows: Sequence[Row]) -> ResultTable:
     values = ("least", "quarter", "median", "three_quarters", "most", "mean")
     return ResultTable(
         "Largest penetration at a time step (mm)",
@@ -134,7 +134,7 @@ def _sheet_of_steps(rows: Sequence[Row]) -> ResultTable:
     )
 
 
-def _sheet_of_solvers(config: CollisionConfig, rows: Sequence[Row]) -> ResultTable:
+def _table_of_solvers(config: CollisionConfig, rows: Sequence[Row]) -> ResultTable:
     def line(name: str) -> tuple[str, ...]:
         own = [
             row for row in rows if row["solver"] == name and row["step_s"] in config.other_steps_s

@@ -117,7 +117,7 @@ NEAR_DEG = 10.0
 TOWARDS_DEG = 5.0
 """A quarter of that angle; the blow of the first touch alone turns it by less."""
 
-_LEAD = (
+_SUMMARY = (
     "The robot drives against the side of a heavy box at 20°. The box holds the point that touches "
     "it while the wheels push on, and so the robot turns towards the box."
 )
@@ -127,13 +127,13 @@ def turn_found(config: FrictionTurnConfig, outcomes: Sequence[Outcome]) -> Findi
     """outcomes: every motor on every friction between body and box."""
     main = having(outcomes, body_friction=config.body_frictions[0])
     return Findings(
-        lead=f"{_LEAD}{_told(main)}",
+        summary=f"{_SUMMARY}{_told(main)}",
         numbers={
             f"{one.values['motor']}_turned_deg_at_2.9_s": _turned_at(one, STUDY_SINCE_START_S[-1])
             for one in main
         },
         verdicts=tuple(verdict for one in main for verdict in _verdicts(one)),
-        sheets=(_sheet(outcomes),),
+        tables=(_table(outcomes),),
         charts=(_turn_chart(main), _path_chart(main)),
     )
 
@@ -182,7 +182,7 @@ def _verdicts(one: Outcome) -> list[Verdict]:
     ]
 
 
-def _sheet(outcomes: Sequence[Outcome]) -> ResultTable:
+def _table(outcomes: Sequence[Outcome]) -> ResultTable:
     rows = tuple(
         (
             str(row["motor"]),

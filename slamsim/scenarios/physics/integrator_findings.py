@@ -49,7 +49,7 @@ def integrator_findings(config: IntegratorConfig, rows: Sequence[Row]) -> Findin
     standard = [row for row in rows if row["solver"] == STANDARD and row["fall_m"] is not None]
     line = lines.get(STANDARD)
     return Findings(
-        lead=_lead(config, line),
+        summary=_summary(config, line),
         numbers={
             "slope_m_s": line.slope_m_s if line else None,
             "analytical_slope_m_s": line.analytical_m_s if line else None,
@@ -62,7 +62,7 @@ def integrator_findings(config: IntegratorConfig, rows: Sequence[Row]) -> Findin
             _speed_exact(config, standard),
             _energy_as_in_theory(config, standard),
         ),
-        sheets=(_sheet(lines),),
+        tables=(_table(lines),),
         charts=(_chart_of_error(config, lines), _chart_of_all(lines)),
     )
 
@@ -88,7 +88,7 @@ def _line(config: IntegratorConfig, solver: SolverConfig, rows: Sequence[Row]) -
     return TrendLine(steps_s, errors_m, slope_m_s, analytical_m_s, off)
 
 
-def _lead(config: IntegratorConfig, line: TrendLine | None) -> str:
+def _summary(config: IntegratorConfig, line: TrendLine | None) -> str:
     if line is None:
         return "No fall came to an end."
     return (
@@ -153,7 +153,7 @@ def _energy_as_in_theory(config: IntegratorConfig, standard: Sequence[Row]) -> V
     return Verdict(statement, "theory", max(shares) < NEAR, numbers)
 
 
-def _sheet(lines: dict[str, TrendLine]) -> ResultTable:
+def _table(lines: dict[str, TrendLine]) -> ResultTable:
     def step_for(line: TrendLine, bound_m: float) -> str:
         if line.off < PROPORTIONAL and line.slope_m_s > 0:
             return f"{bound_m / line.slope_m_s:.2g}"

@@ -24,7 +24,7 @@ STRAIGHT_DEG = 0.1
 THEORY_TOLERANCE = 0.05
 """The closed form takes loads as constant and tyres as points."""
 
-_LEAD = (
+_SUMMARY = (
     "The left wheel stands on good floor, the right one on less and less friction. While the robot "
     "gets going the slipping wheel lags, and the robot turns to its side until friction has "
     "brought both wheels to the same speed."
@@ -40,10 +40,10 @@ def split_found(config: MuSplitConfig, outcomes: Sequence[Outcome]) -> Findings:
         number(one.values, "right_friction"): number(one.values, "direction_deg") for one in main
     }
     return Findings(
-        lead=f"{_LEAD}{_told(turns)}",
+        summary=f"{_SUMMARY}{_told(turns)}",
         numbers={f"direction_deg_at_{friction:g}": turn for friction, turn in turns.items()},
         verdicts=(*_study_verdicts(turns, main), *_theory_verdicts(config, turns, main)),
-        sheets=(_ends(plain), *([_drags(dragged)] if dragged else [])),
+        tables=(_ends(plain), *([_drags(dragged)] if dragged else [])),
         charts=(_paths(main), _turns(config, plain)),
     )
 

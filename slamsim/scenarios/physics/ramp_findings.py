@@ -23,7 +23,7 @@ CAUGHT_SHARE = 0.1
 CLEAR_SHARE = 0.08
 """Nearer than this to the limit of traction, statics does not tell who wins."""
 
-_LEAD = (
+_SUMMARY = (
     "The robot starts on the ramp and drives up. Motors that take any speed at once do not feel "
     "the slope; motors of limited stiffness come less far; and where the weight has moved to the "
     "supports, the tyres lose their hold, sideways too. Held by a hand, the wheels lift the front."
@@ -34,7 +34,7 @@ def ramp_found(config: RampConfig, outcomes: Sequence[Outcome]) -> Findings:
     """outcomes: drives, and runs in which the robot is held."""
     climbs, held = having(outcomes, held=False), having(outcomes, held=True)
     return Findings(
-        lead=f"{_LEAD}{_told(config, climbs)}",
+        summary=f"{_SUMMARY}{_told(config, climbs)}",
         numbers=_numbers(config, climbs),
         verdicts=(
             *_blindness(config, climbs),
@@ -43,7 +43,7 @@ def ramp_found(config: RampConfig, outcomes: Sequence[Outcome]) -> Findings:
             *_tipping(config, held),
             _traction(config, climbs),
         ),
-        sheets=(_climb_sheet(climbs), *([_held_sheet(held)] if held else [])),
+        tables=(_climb_table(climbs), *([_held_table(held)] if held else [])),
         charts=(
             _curves(config, climbs, "travel_m", "Way up the slope", "travel [m]"),
             _curves(config, climbs, "sideways_m", "Motion sideways", "farthest from the line [m]"),
@@ -212,7 +212,7 @@ def _numbers(config: RampConfig, climbs: Sequence[Outcome]) -> dict[str, Value]:
     return numbers
 
 
-def _climb_sheet(climbs: Sequence[Outcome]) -> ResultTable:
+def _climb_table(climbs: Sequence[Outcome]) -> ResultTable:
     rows = tuple(
         (
             str(row["motor"]),
@@ -240,7 +240,7 @@ def _climb_sheet(climbs: Sequence[Outcome]) -> ResultTable:
     return ResultTable("Drives up the slope", header, rows, note)
 
 
-def _held_sheet(held: Sequence[Outcome]) -> ResultTable:
+def _held_table(held: Sequence[Outcome]) -> ResultTable:
     rows = tuple(
         (
             "springs" if row["springs"] else "rigid",

@@ -27,10 +27,10 @@ def stacking_findings(config: StackingConfig, outcomes: Sequence[Outcome]) -> Fi
     smallest = [row for row in rows if row["kind"] == "smallest"]
     standard = [row for row in smallest if row["solver"] == STANDARD]
     return Findings(
-        lead=_lead(config, standard),
+        summary=_summary(config, standard),
         numbers=_numbers(standard),
         verdicts=_verdicts(config, standard),
-        sheets=(_sheet_of_steps(config, standard), _sheet_of_solvers(config, rows)),
+        tables=(_table_of_steps(config, standard), _table_of_solvers(config, rows)),
         charts=(
             _chart_of_steps(config, smallest),
             _chart_of_parts(standard),
@@ -40,12 +40,12 @@ def stacking_findings(config: StackingConfig, outcomes: Sequence[Outcome]) -> Fi
     )
 
 
-def _lead(config: StackingConfig, standard: Sequence[Row]) -> str:
+def _summary(config: StackingConfig, standard: Sequence[Row]) -> str:
     collapsed = [row for row in standard if row["boxes"] is not None]
     if not collapsed:
         return f"No stack of up to {config.max_boxes} boxes collapsed at any time step."
     first, last = collapsed[0], collapsed[-1]
-    lead = (
+    summary = (
         f"At {first['step_s']:g} s the smallest stack that collapses within "
         f"{config.duration_s:g} s has {first['boxes']} boxes, at {last['step_s']:g} s "
         f"{last['boxes']}."
@@ -53,11 +53,13 @@ def _lead(config: StackingConfig, standard: Sequence[Row]) -> str:
     missing = [row for row in standard if row["boxes"] is None]
     if missing:
         steps = ", ".join(f"{row['step_s']:g}" for row in missing)
-        lead += f" None of up to {config.max_boxes} collapses at {steps} s."
+        summary += f" None of up to {config.max_boxes} collapses at {steps} s."
     slid = _median(_known(standard, "slid"))
     if slid is not None:
-        lead += f" Offsets between neighbours are {100 * slid:.1f} % of the top's way to the side."
-    return lead
+        summary += (
+            f" Offsets between neighbours are {100 * slid:.1f} % of the top's way to the side."
+        )
+    return summary
 
 
 def _numbers(standard: Sequence[Row]) -> Row:
@@ -138,7 +140,7 @@ def _check(statement: str, off: Sequence[float], numbers: str) -> Verdict:
     return Verdict(statement, "theory", worst < CHECKED, numbers.format(100 * worst))
 
 
-def _sheet_of_steps(config: StackingConfig, standard: Sequence[Row]) -> ResultTable:
+def _table_of_steps(config: StackingConfig, standard: Sequence[Row]) -> ResultTable:
     shares = ("slid", "tilted", "bent", "straight")
     return ResultTable(
         "Smallest stack that collapses",
@@ -159,7 +161,7 @@ def _sheet_of_steps(config: StackingConfig, standard: Sequence[Row]) -> ResultTa
     )
 
 
-def _sheet_of_solvers(config: StackingConfig, rows: Sequence[Row]) -> ResultTable:
+def _table_of_solvers(config: StackingConfig, rows: Sequence[Row]) -> ResultTable:
     steps_s = config.other_steps_s
     boxes = {
         (row["solver"], row["step_s"]): row["boxes"] for row in rows if row["kind"] == "smallest"

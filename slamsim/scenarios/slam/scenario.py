@@ -56,10 +56,10 @@ def _conclude(config: SlamCaseConfig, outcomes: Sequence[Outcome]) -> Findings:
         *_checked(rows),
     )
     return Findings(
-        lead=_lead(rows),
+        summary=_summary(rows),
         numbers=_numbers(rows),
         verdicts=verdicts,
-        sheets=(_sheet(rows),),
+        tables=(_table(rows),),
         charts=tuple(_maps(found)),
     )
 
@@ -171,7 +171,7 @@ def _checked(rows: Rows) -> list[Verdict]:
     return found
 
 
-def _lead(rows: Rows) -> str:
+def _summary(rows: Rows) -> str:
     known = {name: _number(row, "ate_rmse_m") for name, row in rows.items()}
     told = [
         f"{_length(ate_m)} {words}"
@@ -192,7 +192,7 @@ def _numbers(rows: Rows) -> Row:
     }
 
 
-def _sheet(rows: Rows) -> ResultTable:
+def _table(rows: Rows) -> ResultTable:
     header = (
         "recording",
         "usable scans",

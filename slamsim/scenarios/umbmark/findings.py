@@ -10,7 +10,7 @@ import numpy as np
 
 from slamsim.config.scenarios.robots import UmbmarkConfig
 from slamsim.guard.errors import SlamsimError
-from slamsim.scenarios.base import Chart, Findings, Outcome, ResultTable, Row, Series, Value, Who
+from slamsim.scenarios.base import Chart, Findings, Outcome, ResultTable, Row, Series, Source, Value
 from slamsim.scenarios.rows import number
 from slamsim.scenarios.scripted import SQUARE_SIDE_M, SQUARES, UNITY_CORNERS_DEG
 from slamsim.scenarios.umbmark.method import (
@@ -37,14 +37,14 @@ def errors_chart(robots: Sequence[tuple[str, Clusters]]) -> Chart:
     circle = np.linspace(0.0, 2.0 * np.pi, 97)
     series = [
         Series(
-            f"E_max of {who}",
-            who,
+            f"E_max of {source}",
+            source,
             figures.largest_error_m * np.cos(circle),
             figures.largest_error_m * np.sin(circle),
             "line",
             dashed=True,
         )
-        for who, figures in SQUARES.items()
+        for source, figures in SQUARES.items()
     ]
     for name, found in robots:
         series += _points(name, found)
@@ -85,14 +85,14 @@ def squares_found(config: UmbmarkConfig, outcomes: Sequence[Outcome]) -> Finding
     corners = [outcome.values for outcome in outcomes if "friction" in outcome.values]
     smallest = [(one.robot, one.found[0]) for one in robots if one.side_m == config.sides_m[0]]
     return Findings(
-        lead=_lead(robots, calibrated),
+        summary=_summary(robots, calibrated),
         numbers=_numbers(robots, calibrated),
         verdicts=(
             *robot_verdicts(robots, config.robot),
             *calibration_verdicts([c for c in calibrated if c.true is not None]),
             friction_verdict(corners),
         ),
-        sheets=(errors_sheet(robots), calibration_sheet(calibrated), corner_sheet(corners)),
+        tables=(errors_table(robots), calibration_table(calibrated), corner_table(corners)),
         charts=(
             errors_chart(smallest),
             *(corrected_chart(c.robot, c.before, c.after) for c in calibrated),
@@ -158,7 +158,7 @@ def _calibrated(tried: DrivenSquares, config: UmbmarkConfig) -> CorrectionResult
     )
 
 
-def _lead(robots: Sequence[DrivenSquares], calibrated: Sequence[CorrectionResult]) -> str:
+def _summary(robots: Sequence[DrivenSquares], calibrated: Sequence[CorrectionResult]) -> str:
     told = [
         f"odometry of {one.robot} is off by {one.largest_m:.2f} m after squares of {one.side_m:g} m"
         for one in robots
@@ -190,10 +190,10 @@ def _numbers(
     return numbers
 
 
-_NAMES: dict[Who, str] = {"reality": "real robot", "unity": "Unity", "gazebo": "Gazebo"}
+_NAMES: dict[Source, str] = {"reality": "real robot", "unity": "Unity", "gazebo": "Gazebo"}
 
 
-def errors_sheet(robots: Sequence[DrivenSquares]) -> ResultTable:
+def errors_table(robots: Sequence[DrivenSquares]) -> ResultTable:
     """E_max, spread and corners of all, ours and others'."""
     rows = [*map(_studys_row, SQUARES), *map(_our_row, robots)]
     header = (
@@ -213,11 +213,19 @@ def errors_sheet(robots: Sequence[DrivenSquares]) -> ResultTable:
     return ResultTable("Errors of odometry", header, tuple(rows), note)
 
 
-def _studys_row(who: Who) -> tuple[str, ...]:
-    found = SQUARES[who]
+def _studys_row(source: Source) -> tuple[str, ...]:
+    found = SQUARES[source]
     spread = "" if found.spread_m is None else f"{found.spread_m:g}"
     corner = "" if found.corner_deg is None else f"{found.corner_deg:g}"
-    return _NAMES[who], f"{SQUARE_SIDE_M:g}", f"{found.largest_error_m:.2f}", spread, corner, "", ""
+    return (
+        _NAMES[source],
+        f"{SQUARE_SIDE_M:g}",
+        f"{found.largest_error_m:.2f}",
+        spread,
+        corner,
+        "",
+        "",
+    )
 
 
 def _our_row(one: DrivenSquares) -> tuple[str, ...]:
@@ -233,7 +241,7 @@ def _our_row(one: DrivenSquares) -> tuple[str, ...]:
     )
 
 
-def calibration_sheet(calibrated: Sequence[CorrectionResult]) -> ResultTable:
+def calibration_table(calibrated: Sequence[CorrectionResult]) -> ResultTable:
     """E_d and E_b by both methods, and what they make of fresh squares."""
     rows: list[tuple[str, ...]] = []
     for one in calibrated:
@@ -273,7 +281,7 @@ def _calibration_row(
     )
 
 
-def corner_sheet(corners: Sequence[Row]) -> ResultTable:
+def corner_table(corners: Sequence[Row]) -> ResultTable:
     """One corner on tyres of several frictions."""
     rows = tuple(
         (

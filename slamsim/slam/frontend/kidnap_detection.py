@@ -30,7 +30,7 @@ FALSE_ALARMS = 0.01
 LEARN_GAIN = 0.1
 """Share by which what is usual follows each scan: the last ten or so tell what it is."""
 
-SUDDEN_NS, SUDDEN_INTERVALS = 1_000_000_000, 3.0
+KIDNAP_WITHIN_NS, KIDNAP_WITHIN_INTERVALS = 1_000_000_000, 3.0
 """In a longer time much may have changed, and the robot may have come far. From a scan to the one
 after the next is no long time, however seldom scans come: a single one may be lost."""
 
@@ -67,14 +67,14 @@ class Surroundings:
         self._interval_ns = 0.0
 
     @property
-    def sudden_ns(self) -> float:
+    def kidnap_within_ns(self) -> float:
         """Up to how long after a scan that was placed another place is a sudden change."""
-        return max(float(SUDDEN_NS), SUDDEN_INTERVALS * self._interval_ns)
+        return max(float(KIDNAP_WITHIN_NS), KIDNAP_WITHIN_INTERVALS * self._interval_ns)
 
     def placed(self, cloud: Cloud, T_map_base: FloatArray) -> None:
         """A scan that was placed, for the next ones to be held against. T_map_base: (3,)."""
         if self._placed is not None:
-            lasted_ns = min(cloud.stamp_ns - self._placed.cloud.stamp_ns, SUDDEN_NS)
+            lasted_ns = min(cloud.stamp_ns - self._placed.cloud.stamp_ns, KIDNAP_WITHIN_NS)
             self._interval_ns += LEARN_GAIN * (lasted_ns - self._interval_ns)
         self._placed, self._strange = Sighting(cloud, T_map_base), None
 
@@ -109,7 +109,7 @@ class Surroundings:
         """How much a scan contradicts the last that was placed, nan where nothing is known."""
         if self._placed is None:
             return np.nan
-        late = cloud.stamp_ns - self._placed.cloud.stamp_ns > self.sudden_ns
+        late = cloud.stamp_ns - self._placed.cloud.stamp_ns > self.kidnap_within_ns
         if late and self._strange is None:
             return np.nan
         return contradiction(self._placed, Sighting(cloud, T_map_base))

@@ -68,7 +68,7 @@ class _Look:
         return self.matcher.support(self.cloud, T_map_base)
 
 
-class Placer:
+class MatchSelector:
     """Judges matches by how well scans usually fit here.
 
     min_inlier_ratio: share of a scan, where the map covers it, that must lie on it.
@@ -132,15 +132,15 @@ class Placer:
         fitted any more from one moment to the next: after a long while without a place, odometry
         is still the best that is known."""
         jumped = any(one.jump for one in self.lost)
-        return jumped or self._sudden(self.lost[0])
+        return jumped or self._soon_after_match(self.lost[0])
 
-    def _sudden(self, prediction: Prediction) -> bool:
-        return prediction.stamp_ns - self._placed_ns < self._surroundings.sudden_ns
+    def _soon_after_match(self, prediction: Prediction) -> bool:
+        return prediction.stamp_ns - self._placed_ns < self._surroundings.kidnap_within_ns
 
     def _reachable(self, match: Match, prediction: Prediction, guesses: list[FloatArray]) -> bool:
         """Whether the robot can have come to a match, be the wheels as wrong as they may be."""
-        sudden = self._sudden(self.lost[0] if self.lost else prediction)
-        if prediction.odometry is None or not sudden:
+        soon = self._soon_after_match(self.lost[0] if self.lost else prediction)
+        if prediction.odometry is None or not soon:
             return True
         seconds = min((prediction.stamp_ns - self._placed_ns) * 1e-9, SLIP_FOR_S)
         for guess in (prediction.T_map_base, *guesses):

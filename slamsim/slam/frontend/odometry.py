@@ -10,9 +10,9 @@ from slamsim.core.result import Calibrated, Event, EventKind
 from slamsim.core.types import Cloud, FloatArray, Scan
 from slamsim.guard.numbers import require_mount
 from slamsim.slam.calibration.solve import Solved
-from slamsim.slam.event_monitor import Fate, Watch
+from slamsim.slam.event_monitor import EventMonitor, TrackingState
 from slamsim.slam.frontend.deskew import MAX_TILT_RAD, deskew, tilt_of
-from slamsim.slam.frontend.match_selection import Placer
+from slamsim.slam.frontend.match_selection import MatchSelector
 from slamsim.slam.frontend.motion import Odometry
 from slamsim.slam.frontend.prediction import Prediction, Predictor
 from slamsim.slam.frontend.tracking import Tracked
@@ -54,8 +54,8 @@ class FrontEnd:
         self._predictor = Predictor(config.motion, odometry)
         self._matcher = make_matcher(config)
         self._T_map_key: FloatArray | None = None
-        self._placer = Placer(config.matching.min_inlier_ratio)
-        self._watch = Watch()
+        self._selector = MatchSelector(config.matching.min_inlier_ratio)
+        self._monitor = EventMonitor()
         self._window = ScanWindow()
         self._last_match: Match | None = None
         self._held_back = 0
@@ -121,12 +121,12 @@ class FrontEnd:
 
         T_map_base = self._predictor.update(prediction, match)
 
-        fate = self._fate(cloud, match)
-        self._watch.see(prediction, T_map_base, fate, match)
+        state = self._tracking_state(cloud, match)
+        self._monitor.see(prediction, T_map_base, state, match)
 
-        restart, suspect = self._restart(prediction) if fate == "lost" else (None, False)
+        restart, suspect = self._restart(prediction) if state == "lost" else (None, False)
 
-        keyscan = fate in ("first", "matched") or restart is not None
+        keyscan = state in ("first", "matched") or restart is not None
         keyscan = keyscan and self._keep(cloud, T_map_base)
 
         information = np.zeros((3, 3)) if match is None else match.information
@@ -142,14 +142,14 @@ class FrontEnd:
             keyscan,
             restart,
             self._predictor.step,
-            self._placer.doubtful,
+            self._selector.doubtful,
             suspect,
         )
 
     def _hold_back(self, cloud: Cloud, prediction: Prediction) -> Tracked:
         """A scan that is to be matched with the next ones."""
         T_map_base = self._predictor.hold(prediction)
-        self._watch.see(prediction, T_map_base, "held back")
+        self._monitor.see(prediction, T_map_base, "held back")
         self._held_back += 1
         return Tracked(
             prediction.stamp_ns,
@@ -168,7 +168,7 @@ class FrontEnd:
     @property
     def recovered(self) -> int:
         """Scans that only a search around the prediction could place."""
-        return self._placer.recovered
+        return self._selector.recovered
 
     @property
     def sighted(self) -> bool:
@@ -177,7 +177,7 @@ class FrontEnd:
 
     def events(self) -> tuple[Event, ...]:
         """What happened so far, and when."""
-        happened = (*self._watch.events(), *self._predictor.events())
+        happened = (*self._monitor.events(), *self._predictor.events())
         return tuple(sorted(happened, key=lambda event: event.start_ns))
 
     def calibrated(self, solved: Solved | None) -> dict[str, Calibrated]:
@@ -224,9 +224,9 @@ class FrontEnd:
         if self._T_map_key is None:
             return None
         coasting = self._predictor.coasting(prediction)
-        return self._placer.place(self._matcher, cloud, prediction, coasting)
+        return self._selector.place(self._matcher, cloud, prediction, coasting)
 
-    def _fate(self, cloud: Cloud, match: Match | None) -> Fate:
+    def _tracking_state(self, cloud: Cloud, match: Match | None) -> TrackingState:
         if match is not None:
             return "matched"
         pieces = len(self._matcher.pieces(cloud))
@@ -234,8 +234,8 @@ class FrontEnd:
             return "blind" if pieces < MIN_GRIP else "first"
         blind = pieces < ENOUGH_PIECES
         self.unmatched += 1 + self._held_back
-        if blind and self._placer.lost:
-            self._placer.lost.pop()  # it is no evidence for being elsewhere
+        if blind and self._selector.lost:
+            self._selector.lost.pop()  # it is no evidence for being elsewhere
         return "blind" if blind else "lost"
 
     def _restart(self, prediction: Prediction) -> tuple[FloatArray | None, bool]:
@@ -245,16 +245,16 @@ class FrontEnd:
         Scans that contradict what was seen just before say at once that it may have been. Where
         odometry went on it tells nevertheless where the robot is if it was not.
         """
-        lost = self._placer.lost
-        if len(lost) < LOST_SCANS and not self._placer.elsewhere:
+        lost = self._selector.lost
+        if len(lost) < LOST_SCANS and not self._selector.elsewhere:
             return None, False
-        carried, first_ns = self._placer.carried(), lost[0].stamp_ns
+        carried, first_ns = self._selector.carried(), lost[0].stamp_ns
         known = not carried or all(one.odometry is not None and not one.jump for one in lost)
         if carried:
             self.breaks_ns.append(first_ns)
-        words = CARRIED if self._placer.elsewhere else _anew(carried)
+        words = CARRIED if self._selector.elsewhere else _anew(carried)
         kind: EventKind = "kidnapped" if carried else "lost"
-        self._watch.add(Event(first_ns, prediction.stamp_ns, kind, words))
+        self._monitor.add(Event(first_ns, prediction.stamp_ns, kind, words))
         lost.clear()
         self._matcher.forget()
         self._T_map_key = None

@@ -13,7 +13,12 @@ from scipy.stats import multivariate_t
 from slamsim.core.geometry import compose
 from slamsim.core.types import Cloud, FloatArray
 from slamsim.models.wheel_gyro import PARAMETERS
-from slamsim.slam.frontend.match_selection import LIKELY_SIGMAS, TAIL_FREEDOM, Placer, _surprise
+from slamsim.slam.frontend.match_selection import (
+    LIKELY_SIGMAS,
+    TAIL_FREEDOM,
+    MatchSelector,
+    _surprise,
+)
 from slamsim.slam.frontend.prediction import Prediction
 from slamsim.slam.frontend.preintegration import OdometryStep
 from slamsim.slam.matching import Match
@@ -57,7 +62,7 @@ def predicted(stamp_ns: int, jump: bool = False) -> Prediction:
     return Prediction(stamp_ns, HERE, covariance, HERE, step, HERE, jump, none, covariance)
 
 
-def placed(placer: Placer, gain: float, sigmas: float, jump: bool = False) -> bool:
+def placed(placer: MatchSelector, gain: float, sigmas: float, jump: bool = False) -> bool:
     there = compose(HERE, np.array([sigmas * SIGMAS[0], 0.0, 0.0]))
     at = predicted(10**8, jump)
     return placer.place(OneMatch(there, gain), cloud(10**8), at, HERE) is not None
@@ -72,22 +77,22 @@ def test_surprise_is_that_of_scipys_student_t(sigmas: float) -> None:
 
 @given(st.floats(-20.0, 0.0))
 def test_a_match_where_odometry_has_it_needs_no_better_fit(gain: float) -> None:
-    assert placed(Placer(0.55), gain, 0.99 * LIKELY_SIGMAS)
+    assert placed(MatchSelector(0.55), gain, 0.99 * LIKELY_SIGMAS)
 
 
 @pytest.mark.parametrize("sigmas", [10.0, 30.0, 60.0])
 def test_a_match_far_from_odometry_must_explain_so_many_more_pieces(sigmas: float) -> None:
     needed = _surprise(sigmas) - _surprise(LIKELY_SIGMAS)
-    assert not placed(Placer(0.55), 0.85 * needed, sigmas)
-    assert placed(Placer(0.55), needed, sigmas)
+    assert not placed(MatchSelector(0.55), 0.85 * needed, sigmas)
+    assert placed(MatchSelector(0.55), needed, sigmas)
 
 
 def test_odometry_that_jumps_is_outweighed_by_anything_that_fits() -> None:
-    assert placed(Placer(0.55), 0.0, 30.0, jump=True)
+    assert placed(MatchSelector(0.55), 0.0, 30.0, jump=True)
 
 
 def test_odometry_that_errs_often_by_more_than_its_noise_is_believed_less() -> None:
-    placer = Placer(0.55)
+    placer = MatchSelector(0.55)
     assert not placed(placer, 5.0, 10.0)
     for number in range(60):
         there = compose(HERE, np.array([10.0 * SIGMAS[0] * (number % 2), 0.0, 0.0]))
@@ -96,7 +101,7 @@ def test_odometry_that_errs_often_by_more_than_its_noise_is_believed_less() -> N
 
 
 def test_a_lost_robot_that_finds_what_looks_alike_now_and_then_stays_lost() -> None:
-    placer = Placer(0.55)
+    placer = MatchSelector(0.55)
     for number in range(12):
         matcher = OneMatch(HERE, 0.0, 0.5 if number % 3 == 2 else 0.3)
         placer.place(matcher, cloud(number), predicted(number), HERE)

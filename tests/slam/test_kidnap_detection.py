@@ -10,8 +10,8 @@ from simulated import box, labyrinth, true_ranges
 
 from slamsim.core.types import Cloud, FloatArray, PlanarTrajectory, ScanGeometry
 from slamsim.slam.frontend.kidnap_detection import (
+    KIDNAP_WITHIN_NS,
     STRANGE_SHARE,
-    SUDDEN_NS,
     Sighting,
     Surroundings,
     contradiction,
@@ -141,4 +141,4 @@ def test_a_long_pause_does_not_make_the_next_one_short() -> None:
     for number in range(40):
         pause_ns = 60 * 10**9 * (number > 30)
         around.placed(seen(HERE, ROOM, stamp_ns=number * 10**8 + pause_ns).cloud, HERE)
-    assert around.sudden_ns == SUDDEN_NS
+    assert around.kidnap_within_ns == KIDNAP_WITHIN_NS
