@@ -192,6 +192,7 @@ def test_a_wall_along_a_straight_corridor_is_not_the_robot_itself() -> None:
 )
 def test_hopeless_scans_never_break_it(scans: int, beams: int, value: float) -> None:
     findings = range_findings(recorded(np.full((scans, beams), value, dtype=np.float32)))
+    assert findings
     for finding in findings:
         assert finding.estimate is None or np.isfinite(finding.estimate.value)
 
@@ -260,7 +261,9 @@ def test_a_unit_that_repeats_its_samples() -> None:
 def test_a_hopeless_unit_never_breaks_it(samples: int, value: float) -> None:
     rows = np.full((samples, 3), value)
     imu = RawImu("/imu", ("imu_link",), np.arange(samples, dtype=np.int64), None, rows, rows)
-    for finding in felt(imu):
+    findings = felt(imu)
+    assert findings
+    for finding in findings:
         assert finding.estimate is None or np.isfinite(finding.estimate.value)
 
 

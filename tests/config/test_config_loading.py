@@ -76,7 +76,9 @@ def test_a_wheel_has_its_own_copies(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     "kind", ["worlds", "configs/robots", "configs/drives", "configs/sensors", "configs/slam"]
 )
 def test_every_bundled_file_loads(kind: bundled.Kind) -> None:
-    for name in bundled_names(kind):
+    names = bundled_names(kind)
+    assert names
+    for name in names:
         if kind == "worlds":
             load_run_config(name)
         elif kind == "configs/sensors":

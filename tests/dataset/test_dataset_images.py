@@ -305,6 +305,8 @@ def test_bad_rows_are_refused(
 
 
 def test_stamps_of_images_grow(dataset: Dataset) -> None:
+    assert len(dataset) > 0
     for one in dataset:
         stamps = one.images("front_color").stamps_ns.tolist()
+        assert len(stamps) > 1
         assert all(before < after for before, after in pairwise(stamps))

@@ -107,8 +107,8 @@ def test_a_command_is_one(call: str) -> None:
 
 
 def test_settings_shown_are_yaml() -> None:
-    for _, text in blocks("yaml"):
-        assert yaml.safe_load(text)
+    settings = [yaml.safe_load(text) for _, text in blocks("yaml")]
+    assert settings and all(settings)
 
 
 def anchors(page: Path) -> set[str]:

@@ -165,7 +165,9 @@ def test_carmen_readings_stay_within_their_bounds(reading: str, tmp_path: Path) 
     line = "FLASER 2 1.0 {} 0 0 0 {} 0 0 {} host 0\n"
     lines = [line.format(reading if i == 3 else 2.0, 0.1 * i, 100 + i) for i in range(9)]
     path.write_text("PARAM robot_front_laser_max 30.0 1 h 1\n" + "".join(lines))
-    for scan in read_log(path).scans:
+    scans = list(read_log(path).scans)
+    assert len(scans) == 9
+    for scan in scans:
         met = scan.ranges_m[np.isfinite(scan.ranges_m)]
         assert ((met > 0.0) & (met < np.float32(30.0))).all()
 

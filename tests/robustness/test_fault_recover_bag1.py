@@ -106,6 +106,7 @@ def test_of_a_damaged_bag_what_is_untouched_comes_back(
             touched = [a or b for a, b in zip(touched, [*touched[1:], False], strict=True)]
         _, folder = recovered_from(changed, tmp_path / "b", "a.bag")
         found = read_back(folder)
+        assert not all(touched)
         for (_, _, inside), is_touched in zip(units, touched, strict=True):
             assert is_touched or inside <= found
 

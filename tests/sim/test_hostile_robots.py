@@ -209,7 +209,9 @@ def test_published_descriptions_of_other_robots(scene: Path) -> None:
 
 @pytest.mark.slow
 def test_all_published_descriptions(scene: Path) -> None:
-    for path in sorted(PUBLISHED.rglob("*.urdf")):
+    found = sorted(PUBLISHED.rglob("*.urdf"))
+    assert len(found) > 20
+    for path in found:
         for command in COMMANDS:
             assert isinstance(refused(command, path, scene), InputRefused)
 

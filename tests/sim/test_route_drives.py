@@ -111,7 +111,9 @@ def test_stops_are_as_far_apart_as_asked_for() -> None:
 def test_stops_cut_any_way_into_whole_pieces(every_m: float, seed: int) -> None:
     route = RouteConfig(kind="random_goals", seed=seed, max_path_length_m=6.0)
     config = DriveConfig(route=route, stops=StopsConfig(every_m=every_m, turn_deg=30.0))
-    for leg in plan_route(_room(), ROBOT, config).legs:
+    legs = plan_route(_room(), ROBOT, config).legs
+    assert legs
+    for leg in legs:
         assert len(leg.points_m) == len(leg.speeds_m_s) >= 2
         assert leg.length_m() > 0.0
 
@@ -141,7 +143,9 @@ def test_stops_on_twists_are_refused(tmp_path: Path) -> None:
 
 
 def test_every_bundled_drive_is_a_preset() -> None:
-    for name in bundled_names("configs/drives"):
+    names = bundled_names("configs/drives")
+    assert names
+    for name in names:
         config = load_run_config("tiny", None, [f"drive={name}"])
         route = plan_route(build_world(config.world, 0), ROBOT, config.drive)
         assert route.length_m > 1.0

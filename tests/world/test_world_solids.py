@@ -48,6 +48,7 @@ def random_prisms(seed: int) -> list[Prism]:
 @given(seed=st.integers(0, 2**32))
 def test_prism_surfaces_are_closed_and_face_outwards(seed: int) -> None:
     prisms = merge_prisms(random_prisms(seed))
+    assert prisms
     for prism in prisms:
         mesh = prism_mesh([prism])
         assert unmatched_edges(mesh) == 0
