@@ -28,8 +28,9 @@ from slamsim.core.types import (
 )
 from slamsim.sensors.readings import Readings
 from slamsim.sensors.rig import SensorRig
+from slamsim.sim.drive.legs import Route
 from slamsim.sim.drive.process import DriveProcess
-from slamsim.sim.drive.route import Route, plan_route
+from slamsim.sim.drive.route import plan_route
 from slamsim.sim.robot.model import RobotModel, build_robot
 from slamsim.slam.frontend.tracking import Step
 from slamsim.slam.online.async_back_end import AsyncBackEnd

@@ -18,7 +18,8 @@ from slamsim.io.open import read_log
 from slamsim.process.children import MEMORY
 from slamsim.sensors.rig import SensorRig
 from slamsim.sensors.scene import Scene
-from slamsim.sim.drive.route import Route, plan_route
+from slamsim.sim.drive.legs import Route
+from slamsim.sim.drive.route import plan_route
 from slamsim.sim.drive.run import bare_step_seconds, drive
 from slamsim.sim.robot.model import RobotModel, build_robot
 from slamsim.simulation.simulate import simulate

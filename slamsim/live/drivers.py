@@ -17,8 +17,9 @@ from slamsim.guard.numbers import require_finite, require_number
 from slamsim.live.controls import HOLD_S
 from slamsim.sim.drive.drive_loop import BasePose
 from slamsim.sim.drive.follow import Twist
+from slamsim.sim.drive.legs import Route
 from slamsim.sim.drive.pilot import STANDING, Pilot
-from slamsim.sim.drive.route import Route, route_along
+from slamsim.sim.drive.route import route_along
 from slamsim.sim.drive.space import NoWay, Space, cheapest_way
 
 FASTEST = 1e12

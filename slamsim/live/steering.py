@@ -23,8 +23,9 @@ from slamsim.live.drivers import (
 )
 from slamsim.live.live_map import LiveMap
 from slamsim.live.robot import Driver
+from slamsim.sim.drive.legs import Route
 from slamsim.sim.drive.pilot import BACKING_M_S
-from slamsim.sim.drive.route import Route, plan_route, room_needed_m
+from slamsim.sim.drive.route import plan_route, room_needed_m
 from slamsim.sim.robot.model import RobotModel
 from slamsim.world.model import World
 

@@ -6,7 +6,6 @@ import struct
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage
 
 from slamsim.core.types import BoolArray, FloatArray, Grid, TriangleMesh
 from slamsim.guard.errors import SlamsimError
@@ -109,6 +108,8 @@ def _reachable(solid: BoolArray, raster: Raster, start: FloatArray, where: str) 
             f"the start ({start[0]:g}, {start[1]:g}) is not free {where} in cells of "
             f"{raster.resolution_m:g} m"
         )
+    from scipy import ndimage  # not at the top: the process that drives gets a world as well
+
     labels, _ = ndimage.label(~solid)
     return np.asarray(labels == labels[row, column])
 

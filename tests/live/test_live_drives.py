@@ -27,7 +27,7 @@ from slamsim.live.recording import read_drive
 from slamsim.live.robot import LiveRobot
 from slamsim.run.live.world import live_config, replay_drive
 from slamsim.sim.drive.drive_loop import BasePose
-from slamsim.sim.drive.route import Route
+from slamsim.sim.drive.legs import Route
 from slamsim.sim.robot.model import build_robot
 from slamsim.simulation.header import log_header
 from slamsim.simulation.log_writer import recorded_topics

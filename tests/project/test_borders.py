@@ -64,6 +64,15 @@ def test_a_light_import_pulls_in_nothing_heavy(module: str) -> None:
     assert done.stdout.split() == []
 
 
+def test_the_process_that_drives_loads_no_library_of_planning() -> None:
+    """It begins with each simulated drive: scipy alone doubled the processor time of its start."""
+    code = (
+        "import sys, slamsim.sim.drive.process, slamsim.world.model; print('scipy' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
+
+
 READING = {
     *("read_bytes", "read_text", "open", "copyfile", "copytree", "copy2", "fromfile", "memmap"),
     *("loadtxt", "genfromtxt", "load_scene", "loadURDF", "imread", "read_triangle_mesh"),

@@ -30,7 +30,8 @@ from slamsim.dataset.catalogue.statistics import manifest, statistics
 from slamsim.dataset.recipe.distributions import Integers, LogUniform, Normal, Uniform
 from slamsim.evaluate.bound import TrajectoryBound, trajectory_bound
 from slamsim.models.jackknife import jackknife
-from slamsim.sim.drive.smooth import resample, smooth_path, speed_profile
+from slamsim.sim.drive.legs import speed_profile
+from slamsim.sim.drive.smooth import resample, smooth_path
 from slamsim.sim.drive.space import Space, connect_places, free_space
 from slamsim.sim.drive.tour import closed_tour
 from slamsim.world.cells import CellGrid

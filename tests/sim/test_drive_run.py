@@ -21,8 +21,9 @@ from slamsim.config.drive import (
 from slamsim.config.robot import CylinderConfig, RobotConfig
 from slamsim.core.types import Drive, TriangleMesh
 from slamsim.sim.bullet import pybullet
+from slamsim.sim.drive.legs import Route
 from slamsim.sim.drive.record import START_NS, stamps_ns
-from slamsim.sim.drive.route import Route, plan_route
+from slamsim.sim.drive.route import plan_route
 from slamsim.sim.drive.run import DriveOutcome, bare_step_seconds, drive
 from slamsim.sim.engine import engine_parameters
 from slamsim.sim.robot.model import build_robot

@@ -19,7 +19,8 @@ from slamsim.config.robot import RobotConfig
 from slamsim.config.world import WorldConfig
 from slamsim.core.types import FloatArray
 from slamsim.guard.errors import InputRefused
-from slamsim.sim.drive.route import Route, plan_route
+from slamsim.sim.drive.legs import Route
+from slamsim.sim.drive.route import plan_route
 from slamsim.sim.drive.run import drive
 from slamsim.sim.robot.model import build_robot
 from slamsim.world.build import build_world

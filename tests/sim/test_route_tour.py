@@ -19,8 +19,9 @@ from slamsim.config.robot import RobotConfig
 from slamsim.config.world import WorldConfig
 from slamsim.core.types import FloatArray
 from slamsim.guard.errors import SlamsimError
-from slamsim.sim.drive.route import Route, plan_route
-from slamsim.sim.drive.smooth import curvature_1_m, resample, smooth_path, speed_profile
+from slamsim.sim.drive.legs import Route, curvature_1_m, speed_profile
+from slamsim.sim.drive.route import plan_route
+from slamsim.sim.drive.smooth import resample, smooth_path
 from slamsim.sim.drive.space import Space, connect_places, free_space, narrowest_on_the_way_m
 from slamsim.sim.drive.tour import closed_tour, tour_length
 from slamsim.sim.robot.model import build_robot

@@ -13,8 +13,9 @@ from slamsim.dataset.recipe.draw import sequence_spec
 from slamsim.dataset.recipe.model import Recipe
 from slamsim.dataset.recipe.sequence import SequenceSpec, Split
 from slamsim.guard.errors import SlamsimError
+from slamsim.sim.drive.legs import Route
 from slamsim.sim.drive.pilot import stop_at_s
-from slamsim.sim.drive.route import Route, plan_route
+from slamsim.sim.drive.route import plan_route
 from slamsim.sim.robot.model import build_robot
 from slamsim.world.build import build_world
 from slamsim.world.model import World

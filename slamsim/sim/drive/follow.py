@@ -8,8 +8,7 @@ from typing import Protocol
 
 from slamsim.config.drive import FollowConfig, LimitsConfig
 from slamsim.core.types import FloatArray
-from slamsim.sim.drive.route import Leg, Route
-from slamsim.sim.drive.smooth import SPACING_M
+from slamsim.sim.drive.legs import SPACING_M, Leg, Route
 
 Twist = tuple[float, float]
 """(forward m/s, yaw rate rad/s)."""

@@ -7,7 +7,7 @@ import math
 
 from slamsim.config.drive import DriveConfig, FollowConfig, LimitsConfig
 from slamsim.sim.drive.follow import Follower, Twist, build_follower
-from slamsim.sim.drive.route import Route
+from slamsim.sim.drive.legs import Route
 
 STANDING: Twist = (0.0, 0.0)
 """No motion at all."""

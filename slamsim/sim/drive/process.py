@@ -20,8 +20,8 @@ from slamsim.process.children import MEMORY, Halted
 from slamsim.process.exit_codes import ended_by
 from slamsim.process.module_process import ModuleProcess, answers
 from slamsim.process.pipe import Ended, packed, read_message
+from slamsim.sim.drive.legs import Route
 from slamsim.sim.drive.record import START_NS
-from slamsim.sim.drive.route import Route
 from slamsim.sim.drive.run import DriveOutcome, drive
 from slamsim.sim.robot.model import RobotModel
 

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slamsim.config.drive import DriveConfig, LimitsConfig, RouteConfig
+from slamsim.config.drive import DriveConfig, RouteConfig
 from slamsim.core.geometry import wrap_angle
 from slamsim.core.randomness import random_stream
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.guard.errors import InputRefused, SlamsimError
+from slamsim.sim.drive.legs import Leg, Route, speed_profile
 from slamsim.sim.drive.route_file import PoseRoute, TwistRoute, read_route
-from slamsim.sim.drive.smooth import resample, smooth_path, speed_profile
+from slamsim.sim.drive.smooth import resample, smooth_path
 from slamsim.sim.drive.space import NoWay, Space, connect_places, free_space, reachable_cells
 from slamsim.sim.drive.tour import closed_tour
 from slamsim.sim.robot.model import RobotModel
@@ -33,53 +34,6 @@ GOAL_SPARE_M = 0.05
 MAX_GOALS = 100_000
 FROM_END_M = 0.25
 """Between a stop and the ends of a leg, where the robot stops or turns anyway."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Leg:
-    """A line to drive along, forwards, to a stop; the robot first turns into its direction.
-
-    points_m: (n, 2) evenly spaced, in the map frame. speeds_m_s: (n,) speed to have there.
-    end_yaw_rad: heading to turn to at the end, None for any. rest_s: time to stand there then.
-    """
-
-    points_m: FloatArray
-    speeds_m_s: FloatArray
-    end_yaw_rad: float | None = None
-    rest_s: float = 0.0
-
-    def length_m(self) -> float:
-        return float(np.linalg.norm(np.diff(self.points_m, axis=0), axis=1).sum())
-
-    def heading_rad(self) -> float:
-        """Into which it ends."""
-        dx, dy = self.points_m[-1] - self.points_m[-2]
-        return float(np.arctan2(dy, dx))
-
-    def first(self, last: int, limits: LimitsConfig) -> Leg:
-        """Up to that point, where it ends in a stop."""
-        points_m = self.points_m[: last + 1]
-        stop = speed_profile(points_m, None, limits)
-        return Leg(points_m, np.minimum(self.speeds_m_s[: last + 1], stop))
-
-    def rest(self, start: int) -> Leg:
-        """From that point on."""
-        return replace(self, points_m=self.points_m[start:], speeds_m_s=self.speeds_m_s[start:])
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Route:
-    """Either legs or twists: (n, 3) rows of (t_s, v_m_s, w_rad_s), each held until the next.
-
-    narrowest_m: free radius at the tightest place of the legs, inf for twists. The last twist
-    only tells when the route ends.
-    """
-
-    legs: tuple[Leg, ...]
-    twists: FloatArray | None
-    length_m: float
-    duration_estimate_s: float
-    narrowest_m: float
 
 
 def plan_route(world: World, robot: RobotModel, config: DriveConfig) -> Route:

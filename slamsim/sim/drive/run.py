@@ -14,8 +14,8 @@ from slamsim.core.progress import Progress, silent
 from slamsim.core.types import Drive
 from slamsim.sim.bullet import pybullet
 from slamsim.sim.drive.drive_loop import BasePose, Decision, DriveLoop, touching
+from slamsim.sim.drive.legs import Route
 from slamsim.sim.drive.pilot import Pilot
-from slamsim.sim.drive.route import Route
 from slamsim.sim.engine import running_engine
 from slamsim.sim.ground import Floor
 from slamsim.sim.robot.chassis import Engine, hold_wheels

@@ -5,19 +5,14 @@ from __future__ import annotations
 import numpy as np
 from scipy import ndimage
 
-from slamsim.config.drive import LimitsConfig
 from slamsim.core.types import FloatArray
 from slamsim.guard.numbers import BadNumbers, require_finite, require_number, require_size
+from slamsim.sim.drive.legs import SPACING_M
 from slamsim.sim.drive.space import Space
 
-SPACING_M = 0.025
 MOST_POINTS = 1e8
 SMOOTHING_M = 0.25
 """Standard deviation of the smoothing kernel along the path; bends get about this radius."""
-SLOWEST_SHARE = 0.4
-"""Share of the top speed at which the robot passes where it only just fits."""
-SLOWED_WITHIN_M = 0.25
-"""Spare room below which it slows down."""
 
 
 def resample(points_m: FloatArray, spacing_m: float = SPACING_M) -> FloatArray:
@@ -63,43 +58,3 @@ def _blur(line: FloatArray, sigma: float) -> FloatArray:
     padded = np.concatenate([before, line, after])
     blurred = ndimage.gaussian_filter1d(padded, sigma, axis=0, mode="nearest")
     return np.asarray(blurred[pad : pad + len(line)])
-
-
-def curvature_1_m(line_m: FloatArray) -> FloatArray:
-    """(n,) signed curvature of an evenly spaced line (n, 2)."""
-    if len(line_m) < 3:
-        return np.zeros(len(line_m))
-    first = np.gradient(line_m, axis=0)
-    second = np.gradient(first, axis=0)
-    cross = first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]
-    return np.asarray(cross / np.maximum(np.linalg.norm(first, axis=1), 1e-12) ** 3)
-
-
-def speed_profile(line_m: FloatArray, space: Space | None, limits: LimitsConfig) -> FloatArray:
-    """(n,) speed to have at each point: bends, walls and the stop at the end are allowed for.
-
-    Only the braking side is limited here; how fast the robot speeds up is the commands' affair.
-    """
-    bend = np.maximum(np.abs(curvature_1_m(line_m)), 1e-9)
-    speed = np.minimum.reduce(
-        [
-            np.full(len(line_m), limits.max_speed_m_s),
-            np.sqrt(limits.max_lateral_acceleration_m_s2 / bend),
-            0.8 * limits.max_yaw_rate_rad_s / bend,
-        ]
-    )
-    if space is not None:
-        spare_m = space.room_at_m(line_m) - space.needed_m
-        share = np.clip(spare_m / SLOWED_WITHIN_M, 0.0, 1.0)
-        speed = speed * (SLOWEST_SHARE + (1.0 - SLOWEST_SHARE) * share)
-    return _brake_in_time(line_m, speed, 0.7 * limits.max_acceleration_m_s2)
-
-
-def _brake_in_time(line_m: FloatArray, speed: FloatArray, braking_m_s2: float) -> FloatArray:
-    steps_m = np.linalg.norm(np.diff(line_m, axis=0), axis=1)
-    braked = speed.copy()
-    braked[-1] = 0.0
-    for i in range(len(speed) - 2, -1, -1):
-        reachable = np.sqrt(braked[i + 1] ** 2 + 2.0 * braking_m_s2 * steps_m[i])
-        braked[i] = min(braked[i], reachable)
-    return braked
