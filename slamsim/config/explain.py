@@ -8,7 +8,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from slamsim.config.kinds import missing_kinds
-from slamsim.config.layers import Tree
+from slamsim.config.merging import Tree
 from slamsim.config.model_keys import Spot, find_spot, suggest
 from slamsim.guard.errors import SlamsimError, did_you_mean, shown
 from slamsim.guard.yaml import KeyPath, key_text

@@ -20,7 +20,7 @@ from slamsim.config.base import Config
 from slamsim.config.bundled import Kind, bundled_folder, find_input
 from slamsim.config.explain import refusal
 from slamsim.config.faults import as_choice
-from slamsim.config.layers import Place, Tree, mount, parse_override
+from slamsim.config.merging import Place, Tree, mount, parse_override
 from slamsim.guard.errors import InputRefused, OverrideRefused, shown
 from slamsim.guard.files import own_file
 from slamsim.guard.yaml import KeyPath, YamlDocument, load_yaml

@@ -9,8 +9,8 @@ from pydantic import Field, model_validator
 
 from slamsim.config.base import Config
 from slamsim.config.bundled import Kind, find_input
-from slamsim.config.layers import mount
 from slamsim.config.loading import overridden, validated, with_presets
+from slamsim.config.merging import mount
 from slamsim.config.robot import RobotConfig
 from slamsim.config.scenarios.robots import SCENARIO_ROBOT, SquareScript, StraightScript
 from slamsim.guard.yaml import KeyPath, load_yaml

@@ -23,8 +23,8 @@ from slamsim.core.geometry import compose, se2_from_se3
 from slamsim.core.jit import kernel
 from slamsim.core.types import FloatArray, IntArray, PlanarTrajectory
 from slamsim.evaluate.bound_walls import FaceIndex, Faces, first_face, index_faces
-from slamsim.sensors.effects import GRAZING
 from slamsim.sensors.lidar import scan_geometry
+from slamsim.sensors.lidar_errors import GRAZING
 
 LEAST_SIGMA_M = 1e-5
 """No range is taken as more exact than this."""

@@ -8,7 +8,7 @@ from slamsim.config.lidar import LidarConfig
 from slamsim.core.randomness import random_stream
 from slamsim.core.types import Float32Array, FloatArray, IntArray, ScanGeometry
 from slamsim.guard.numbers import require_rigid
-from slamsim.sensors import effects
+from slamsim.sensors import lidar_errors
 from slamsim.sensors.base import Site
 from slamsim.sensors.clock import StreamClock
 from slamsim.sensors.motion import Motion, PoseOverride, PoseSamples, as_mounted, beam_rays
@@ -55,7 +55,7 @@ class Lidar:
         self._config, self._T_base_laser, self._override = config, T_base_laser, override
         self._scene = Scene(site.mesh, floor_reach_m=config.range_max_m, threads=site.threads)
         self._clock = StreamClock(config, site.start_ns, site.seed, name)
-        self._streams = effects.EffectStreams(
+        self._streams = lidar_errors.EffectStreams(
             noise=random_stream(site.seed, name, "noise"),
             dropout=random_stream(site.seed, name, "dropout"),
             mixed=random_stream(site.seed, name, "mixed"),
@@ -108,10 +108,10 @@ class Lidar:
             middle, hits = self._true_hits(motion, true_ns[part])
             if truth is not None:
                 _set(truth[part], middle)
-            reading = effects.measured(hits, self._config, self._streams)
+            reading = lidar_errors.measured(hits, self._config, self._streams)
             ranges_m[part] = reading.reshape(-1, shape[1])
             if strengths is not None:
-                strengths[part] = effects.strengths(hits, reading).reshape(-1, shape[1])
+                strengths[part] = lidar_errors.strengths(hits, reading).reshape(-1, shape[1])
         return ranges_m, strengths, truth
 
     def _true_hits(self, motion: Motion, scan_ns: IntArray) -> tuple[Hits, Hits]:
@@ -126,7 +126,7 @@ class Lidar:
         mixing = self._config.mixed
         if mixing.divergence_mrad == 0.0:
             return hits, hits
-        beside = effects.beside_a_jump(hits, self.geometry.beam_count, mixing.min_gap_m)
+        beside = lidar_errors.beside_a_jump(hits, self.geometry.beam_count, mixing.min_gap_m)
         return hits, self._with_edges(hits, np.flatnonzero(beside), samples, beam_ns, directions)
 
     def _with_edges(
@@ -138,10 +138,10 @@ class Lidar:
         directions: FloatArray,
     ) -> Hits:
         """The hits with those beams beside an edge that straddle it cast in their full width."""
-        sub_rays = effects.sub_ray_directions(self._config.mixed.divergence_mrad)
+        sub_rays = lidar_errors.sub_ray_directions(self._config.mixed.divergence_mrad)
 
         def parts(beams: IntArray, sub_rays: FloatArray) -> Hits:
-            turned = effects.turned(directions[:, beams], sub_rays)
+            turned = lidar_errors.turned(directions[:, beams], sub_rays)
             return self._cast(samples, np.repeat(beam_ns[beams], sub_rays.shape[1]), turned)
 
         # Most beams beside an edge miss it: their two rims are cheaper than all their parts.
@@ -153,7 +153,9 @@ class Lidar:
             hits.surfaces[two],
             hits.triangles[two],
         )
-        seen = effects.mixed(middle, parts(two, sub_rays), self._config.mixed, self._streams.mixed)
+        seen = lidar_errors.mixed(
+            middle, parts(two, sub_rays), self._config.mixed, self._streams.mixed
+        )
         ranges_m, cosines = hits.ranges_m.copy(), hits.cos_incidence.copy()
         ranges_m[two], cosines[two] = seen.ranges_m, seen.cos_incidence
         return Hits(ranges_m, cosines, hits.surfaces, hits.triangles)

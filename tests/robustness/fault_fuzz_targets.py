@@ -18,8 +18,8 @@ from fault_fuzz_logs import LOG_TARGETS
 
 from slamsim.config.base import Config
 from slamsim.config.bundled import bundled_folder
-from slamsim.config.layers import mount, parse_override
 from slamsim.config.loading import validated, with_presets
+from slamsim.config.merging import mount, parse_override
 from slamsim.config.robot import RobotConfig
 from slamsim.config.run import RunConfig
 from slamsim.config.world import WorldConfig

@@ -12,8 +12,8 @@ from pydantic import Field, create_model
 
 from slamsim.config.base import Config
 from slamsim.config.bundled import Kind, bundled_folder, find_input
-from slamsim.config.layers import Place, Tree, mount
 from slamsim.config.loading import SECTIONS, overridden, validated, with_presets
+from slamsim.config.merging import Place, Tree, mount
 from slamsim.guard.yaml import KeyPath, load_yaml
 
 _KIND: Kind = "configs/scenarios"

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from slamsim.config.explain import refusal
 from slamsim.config.faults import FaultChoice
-from slamsim.config.layers import Place, Tree
+from slamsim.config.merging import Place, Tree
 from slamsim.config.run import RunConfig
 from slamsim.core.randomness import random_bits, random_share
 from slamsim.dataset.recipe.distributions import Distribution, Listed, pick

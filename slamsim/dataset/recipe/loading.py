@@ -17,8 +17,8 @@ from pydantic import ValidationError
 
 from slamsim.config.bundled import find_input
 from slamsim.config.faults import FaultChoice
-from slamsim.config.layers import Place, Tree, mount
 from slamsim.config.loading import SECTIONS, located, section_tree, validated, with_presets
+from slamsim.config.merging import Place, Tree, mount
 from slamsim.config.robot import RobotConfig
 from slamsim.config.run import RunConfig
 from slamsim.config.world import WorldConfig

@@ -11,8 +11,8 @@ from typing import Annotated, Any, Self
 from pydantic import AfterValidator, Field, model_validator
 
 from slamsim.config.base import Config
-from slamsim.config.layers import Place, Tree
 from slamsim.config.loading import SECTIONS
+from slamsim.config.merging import Place, Tree
 from slamsim.dataset.recipe.distributions import Constant, Distribution, Weight
 from slamsim.dataset.recipe.sequence import SPLITS, FormatName, Split
 from slamsim.guard.errors import shown
