@@ -1,4 +1,4 @@
-"""Every fault once through a whole sequence, two at a time: all formats tell what the recording tells."""
+"""Every fault once through a whole sequence, two at a time: all formats tell the same."""
 
 from __future__ import annotations
 
