@@ -10,7 +10,7 @@ from __future__ import annotations
 import base64
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
@@ -158,8 +158,19 @@ def _cbor_array(encoder: Any, value: object) -> None:
         encoder.encode(value.tolist())
 
 
+MOST_VALUES = 10_000
+"""Objects, arrays and values of a message that a client sends; a typed array and a text are one. To
+make a ROS message of as many takes 0.1 s at most, in which no other client is served."""
+_LARGEST_CBOR = 256 << 10
+"""Each of its bytes may become a dictionary of 64."""
+
+
 def parsed(frame: str | bytes) -> dict[str, Any]:
     """An operation that came in, text as JSON and bytes as CBOR; raises WrongMessage."""
+    if isinstance(frame, bytes) and len(frame) > _LARGEST_CBOR:
+        raise WrongMessage(f"CBOR of more than {_LARGEST_CBOR:,} bytes is not read")
+    if isinstance(frame, str) and sum(map(frame.count, ",[{")) > 10 * MOST_VALUES:
+        raise WrongMessage(_TOO_MANY)  # some may be part of a text, but not so many
     try:
         if isinstance(frame, bytes):
             operation = cbor2.loads(frame, tag_hook=_typed_array)
@@ -174,7 +185,25 @@ def parsed(frame: str | bytes) -> dict[str, Any]:
         raise WrongMessage(f"an object with an 'op' is needed, not {shown(operation)}")
     if any(isinstance(value, np.ndarray) for value in operation.values()):
         raise WrongMessage("a typed array may only stand inside a message")
+    _refuse_many_values(operation)
     return operation
+
+
+_TOO_MANY = f"a message of more than {MOST_VALUES:,} values is not read; bytes may come as base64"
+
+
+def _refuse_many_values(operation: dict[str, Any]) -> None:
+    count = 0
+    unseen: list[Iterable[Any]] = [operation.values()]
+    while unseen:
+        for value in unseen.pop():
+            count += 1
+            if isinstance(value, dict):
+                unseen.append(value.values())
+            elif isinstance(value, list):
+                unseen.append(value)
+            if count > MOST_VALUES:
+                raise WrongMessage(_TOO_MANY)
 
 
 def _typed_array(tag: cbor2.CBORTag, immutable: bool) -> object:

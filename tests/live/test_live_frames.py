@@ -95,6 +95,30 @@ def test_the_oldest_messages_are_left_out_and_nothing_else(
     assert "too slow" in statuses[0]["message"]
 
 
+def test_replies_that_are_not_read_cost_little_and_stop_further_requests() -> None:
+    """Pongs to 100,000 pings: each was compared with all that waited before it."""
+    pong = written(bytes(10), Opcode.PONG)
+
+    async def flood(queue: FrameQueue) -> None:
+        for _ in range(100):
+            queue.feed(pong * 1_000)
+        assert queue.waiting_bytes == 100_000 * len(pong)
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(queue.room(), 0.0)
+        while queue.waiting_bytes:
+            await queue.take()
+        await asyncio.wait_for(queue.room(), 1.0)
+
+    asyncio.run(flood(FrameQueue()))
+
+
+def test_messages_do_not_stop_requests() -> None:
+    """A twist shall not wait until a large map is read."""
+    queue = FrameQueue()
+    queue.feed(message(1, 2 * front_worker.REPLY_BYTES))
+    asyncio.run(asyncio.wait_for(queue.room(), 1.0))
+
+
 def test_so_many_frames_wait_and_no_more() -> None:
     queue = FrameQueue()
     for number in range(5_000):

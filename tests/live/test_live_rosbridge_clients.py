@@ -249,6 +249,24 @@ def test_a_map_that_is_being_encoded_delays_no_scan(monkeypatch: pytest.MonkeyPa
     assert [one["msg"]["data"] for one in (first, last)] == expected
 
 
+def test_scans_go_between_the_fragments_of_a_map() -> None:
+    """No more of the map is on its way than the client has read, and 64 KB."""
+    with serving() as robot, robot.connect() as client:
+        subscribe(client, "/map", fragment_size=1000)
+        subscribe(client, "/scan")
+        robot.hub.publish("/map", 1, grid(700))
+        got = [told(client)]
+        total = got[0]["total"]
+        for number in range(10):
+            robot.hub.publish("/scan", number, scan(number))
+        got += [told(client) for _ in range(total - 1 + 10)]
+    order = [one["op"] for one in got]
+    assert order.count("fragment") == total > 1000
+    assert max(n for n, op in enumerate(order) if op == "publish") < 150
+    text = "".join(one["data"] for one in got if one["op"] == "fragment")
+    assert json.loads(text)["msg"]["info"]["width"] == 700
+
+
 def _map(seed: int) -> Message:
     from live_data import MAP
 

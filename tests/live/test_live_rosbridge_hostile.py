@@ -7,7 +7,7 @@ import json
 import os
 import socket
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from typing import Any
 
 import cbor2
@@ -26,7 +26,9 @@ from slamsim.guard.errors import OutputRefused
 from slamsim.io.ros.values import WrongMessage
 from slamsim.live import rosbridge
 from slamsim.live.requests import SUBSCRIBED
+from slamsim.live.servers import front
 from slamsim.live.servers.access import Access
+from slamsim.live.servers.foxglove import FoxgloveServer
 from slamsim.live.servers.rosbridge import client as clients
 from slamsim.live.servers.rosbridge.client import Client
 from slamsim.live.servers.rosbridge.operations import Operations
@@ -258,6 +260,42 @@ def test_a_client_of_another_protocol_is_refused() -> None:
             call(client, "/rosapi/nodes")
 
 
+def test_half_requests_keep_no_other_client_out() -> None:
+    """Neither clients of rosbridge nor those of Foxglove; the oldest are cut off at once."""
+    live = FoxgloveServer(hub(), NotedControls(), Access(), 0)
+    with live as viewers, serving() as robot, ExitStack() as opened:
+        for port in (robot.server.port, int(viewers.address.rpartition(":")[2])):
+            halves = []
+            for _ in range(150):
+                half = socket.create_connection(("127.0.0.1", port), TIMEOUT_S)
+                half.sendall(b"GET / HTTP/1.1\r\nHo")
+                halves.append(opened.enter_context(half))
+            with suppress(ConnectionResetError):
+                assert halves[0].recv(1) == b""
+        with robot.connect() as client:
+            call(client, "/rosapi/nodes")
+        protocols = [Subprotocol("foxglove.sdk.v1")]
+        with connect(viewers.address, subprotocols=protocols, proxy=None) as viewer:
+            assert "serverInfo" in viewer.recv(timeout=TIMEOUT_S)
+
+
+@pytest.mark.parametrize("value", [0, {}, [], "a,b"])
+def test_messages_of_too_many_values_are_refused(value: object) -> None:
+    """Some 40,000 poses would hold up all other clients for a second."""
+    most = rosbridge.MOST_VALUES
+    for dumps in (json.dumps, cbor2.dumps):
+        sound = {"op": "fly", "msg": [value] * (most - 3)}
+        assert rosbridge.parsed(dumps(sound)) == sound
+        with pytest.raises(WrongMessage, match="more than 10,000 values"):
+            rosbridge.parsed(dumps({"op": "fly", "msg": [value] * most}))
+    with pytest.raises(WrongMessage, match="more than"):
+        rosbridge.parsed(cbor2.dumps({"op": "fly", "msg": [{}] * 300_000}))
+    with pytest.raises(WrongMessage, match="more than"):
+        rosbridge.parsed(json.dumps([[]] * 300_000))
+    text = {"op": "fly", "msg": "," * (5 * most)}
+    assert rosbridge.parsed(json.dumps(text)) == text
+
+
 def test_what_is_no_websocket_is_answered() -> None:
     with serving() as robot:
         for request in (b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n", b"\x16\x03\x01\x02\0" * 9):
@@ -326,6 +364,17 @@ def test_who_does_not_read_its_replies_is_not_listened_to() -> None:
         assert all(one._reply_bytes < 2 * clients.REPLIES for one in robot.server._clients)
 
 
+def test_a_flood_of_pings_that_reads_no_pong_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(front, "MOST_UNREAD", 1 << 20)
+    pings = (b"\x89\xfd\0\0\0\0" + bytes(125)) * 1_000
+    with serving() as robot, silent(robot, None) as client, robot.connect() as another:
+        client.settimeout(TIMEOUT_S)
+        with pytest.raises((BrokenPipeError, ConnectionResetError)):
+            while True:
+                client.sendall(pings)
+        call(another, "/rosapi/nodes")
+
+
 def test_a_server_with_a_client_that_does_not_read_stops() -> None:
     with ExitStack() as opened:
         with serving() as robot:
@@ -337,10 +386,12 @@ def test_a_server_with_a_client_that_does_not_read_stops() -> None:
 
 
 @contextmanager
-def silent(robot: Robot) -> Iterator[socket.socket]:
-    """A client that is connected, and reads nothing any more."""
+def silent(robot: Robot, buffer: int | None = 1 << 14) -> Iterator[socket.socket]:
+    """A client that is connected, and reads nothing any more. buffer: bytes that its kernel reads
+    nevertheless; None for as many as it likes."""
     with socket.socket() as client:
-        client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 14)
+        if buffer is not None:
+            client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, buffer)
         client.connect(("127.0.0.1", robot.server.port))
         client.sendall(
             b"GET / HTTP/1.1\r\nHost: localhost\r\nUpgrade: websocket\r\n"

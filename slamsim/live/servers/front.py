@@ -17,7 +17,9 @@ from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass
 from threading import Lock, Thread
-from typing import Self
+from typing import Any, Self
+
+from websockets.asyncio.server import ServerConnection
 
 from slamsim.live.servers.access import LOOPBACK, Access
 from slamsim.process.module_process import ModuleProcess
@@ -103,6 +105,54 @@ class Front:
 def _listening(host: str, port: int) -> socket.socket:
     family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
     return socket.create_server(address[:2], family=family, backlog=MOST_CLIENTS)
+
+
+MOST_UNREAD = 32 << 20
+"""Bytes that wait in the buffer of a socket: twice the largest message, of which one is there at
+most."""
+
+
+MOST_HALF_OPEN = 64
+"""Connections whose request is not there yet: the oldest gives way. A request takes milliseconds,
+and those that never come need no token."""
+_OPEN_S = 10.0
+"""For a client to say what it wants."""
+
+
+class Connection(ServerConnection):
+    """Cut off where its request does not come, or where pongs fill its buffer, because it sends
+    pings and reads nothing: the library answers each of them at once."""
+
+    half_open: list[Connection]
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        super().connection_made(transport)
+        self.half_open[:] = [one for one in self.half_open if one.is_half_open]
+        self.half_open.append(self)
+        if len(self.half_open) > MOST_HALF_OPEN:
+            self.half_open[0].transport.abort()
+
+    @property
+    def is_half_open(self) -> bool:
+        """Whether its request may still come."""
+        return not (self.request_rcvd.done() or self.transport.is_closing())
+
+    def data_received(self, data: bytes) -> None:
+        super().data_received(data)
+        if self.transport.get_write_buffer_size() > MOST_UNREAD:
+            self.transport.abort()
+
+    async def handshake(self, *options: Any) -> None:
+        """The library's time limit would hold for a whole download: this one is for the request."""
+        async with asyncio.timeout(_OPEN_S):
+            waiting = [self.request_rcvd, self.connection_lost_waiter]
+            await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
+        await super().handshake(*options)
+
+
+def connections() -> type[Connection]:
+    """For one server, whose connections know of each other. Its ``open_timeout`` must be None."""
+    return type("Connection", (Connection,), {"half_open": []})
 
 
 class LoopThread:

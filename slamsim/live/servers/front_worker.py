@@ -22,7 +22,7 @@ from websockets.http11 import Request
 from websockets.server import ServerProtocol
 
 from slamsim.live.servers.access import refusal
-from slamsim.live.servers.front import MOST_CLIENTS, FrontBegin
+from slamsim.live.servers.front import MOST_CLIENTS, MOST_HALF_OPEN, FrontBegin
 from slamsim.process.module_process import requests
 from slamsim.process.pipe import read_message
 
@@ -30,6 +30,9 @@ MOST_BYTES, MOST_FRAMES = 16_000_000, 512
 """What waits for one client, or a single larger frame: 0.7 s of all messages of a robot with a scan
 at 40 Hz, 2 s of the clouds of an OS1-32. With the largest map, 4096 x 4096 cells, a client costs
 three times that map: one is sent, one waits, one comes in. The kernel's buffers are on top."""
+REPLY_BYTES = 1 << 20
+"""Of frames that wait and may not be left out, answers and pongs; beyond, nothing more is read from
+the client. What was read before, ``CHUNK_BYTES`` of requests, is answered besides."""
 TOLD_S = 5.0
 """A client is told that it is too slow once in that time."""
 WRITTEN_BYTES = 65_536
@@ -45,14 +48,20 @@ class FrameQueue:
     def __init__(self) -> None:
         self._partial = bytearray()
         self._frames: deque[bytes] = deque()
-        self._bytes, self._left_out = 0, 0
+        self._messages = self._message_bytes = self._reply_bytes = self._left_out = 0
         self._told_s = -TOLD_S
-        self._arrived = asyncio.Event()
+        self._arrived, self._room = asyncio.Event(), asyncio.Event()
+        self._room.set()
 
     @property
     def waiting_bytes(self) -> int:
         """Of all that was not taken yet."""
-        return self._bytes + len(self._partial)
+        return self._message_bytes + self._reply_bytes + len(self._partial)
+
+    async def room(self) -> None:
+        """Wait until not too much waits that may not be left out: who does not read its replies is
+        not listened to."""
+        await self._room.wait()
 
     def feed(self, data: bytes) -> None:
         """What the server sent next, cut anywhere."""
@@ -63,6 +72,8 @@ class FrameQueue:
                 self._add(bytes(view[begin:end]))
             begin = end
         del self._partial[:begin]
+        if self._messages > MOST_FRAMES or self._message_bytes > MOST_BYTES:
+            self._leave_out()
 
     async def take(self) -> bytes:
         """Whole frames, some ``WRITTEN_BYTES`` of them or a larger one; waits for the first."""
@@ -72,27 +83,35 @@ class FrameQueue:
         while self._frames and size + len(self._frames[0]) <= WRITTEN_BYTES:
             taken.append(self._frames.popleft())
             size += len(taken[-1])
-        self._bytes -= size
+        for frame in taken:
+            self._count(frame, -1)
         if not self._frames:
             self._arrived.clear()
         return b"".join(taken)
 
     def _add(self, frame: bytes) -> None:
         self._frames.append(frame)
-        self._bytes += len(frame)
-        if self._bytes > MOST_BYTES or len(self._frames) > MOST_FRAMES:
-            self._leave_out(len(frame))
+        self._count(frame, 1)
         self._arrived.set()
 
-    def _leave_out(self, newest_bytes: int) -> None:
+    def _count(self, frame: bytes, times: int) -> None:
+        if _may_be_left_out(frame):
+            self._messages += times
+            self._message_bytes += times * len(frame)
+            return
+        self._reply_bytes += times * len(frame)
+        if self._reply_bytes > REPLY_BYTES:
+            self._room.clear()
+        else:
+            self._room.set()
+
+    def _leave_out(self) -> None:
         """The oldest messages, until half of the room is free or the newest is alone."""
         kept: deque[bytes] = deque()
-        count = len(self._frames)
-        for number, frame in enumerate(self._frames, start=1):
-            full = self._bytes > max(MOST_BYTES // 2, newest_bytes)
-            many = len(kept) + count - number >= MOST_FRAMES // 2
-            if (full or many) and number < count and _may_be_left_out(frame):
-                self._bytes -= len(frame)
+        for frame in self._frames:
+            much = self._message_bytes > MOST_BYTES // 2 or self._messages > MOST_FRAMES // 2
+            if much and self._messages > 1 and _may_be_left_out(frame):
+                self._count(frame, -1)
                 self._left_out += 1
             else:
                 kept.append(frame)
@@ -100,8 +119,7 @@ class FrameQueue:
         now_s = time.monotonic()
         if now_s - self._told_s >= TOLD_S:
             self._told_s = now_s
-            self._frames.append(_status(self._left_out))
-            self._bytes += len(self._frames[-1])
+            self._add(_status(self._left_out))
 
 
 def _end(data: bytearray, begin: int) -> int:
@@ -145,6 +163,7 @@ class _Passing:
 
     def __init__(self, begin: FrontBegin) -> None:
         self._begin, self._clients = begin, 0
+        self._half_open: dict[StreamWriter, None] = {}
 
     async def serve(self) -> None:
         """Until the process ends."""
@@ -153,12 +172,14 @@ class _Passing:
         await server.serve_forever()
 
     async def _client(self, reader: StreamReader, writer: StreamWriter) -> None:
-        self._clients += 1
+        self._half_open[writer] = None
+        if len(self._half_open) > MOST_HALF_OPEN:
+            next(iter(self._half_open)).transport.abort()
         try:
             with suppress(OSError, asyncio.IncompleteReadError):
                 await self._admit(reader, writer)
         finally:
-            self._clients -= 1
+            self._half_open.pop(writer, None)
             _hang_up(writer)
 
     async def _admit(self, reader: StreamReader, writer: StreamWriter) -> None:
@@ -166,18 +187,26 @@ class _Passing:
             head = await asyncio.wait_for(reader.readuntil(HEAD_END), HEAD_S)
         except (asyncio.LimitOverrunError, TimeoutError):
             return
+        del self._half_open[writer]
         refused = self._refusal(head)
         if refused is not None:
             writer.write(refused)
             await writer.drain()
             return
+        self._clients += 1
+        try:
+            await self._pass(head, reader, writer)
+        finally:
+            self._clients -= 1
+
+    async def _pass(self, head: bytes, reader: StreamReader, writer: StreamWriter) -> None:
         behind_reader, behind_writer = await asyncio.open_connection(*self._begin.behind)
         with closing(behind_writer):
             behind_writer.write(head)
             writer.write(await behind_reader.readuntil(HEAD_END))
             frames = FrameQueue()
             ways = (
-                _pass_on(reader, behind_writer),
+                _pass_on(reader, behind_writer, frames),
                 _collect(behind_reader, frames),
                 _send(frames, writer, self._begin.stalled_s),
             )
@@ -195,7 +224,7 @@ class _Passing:
         asked = protocol.events_received()
         if not asked or not isinstance(asked[0], Request):
             return _response(protocol, HTTPStatus.BAD_REQUEST, "this is no request of HTTP")
-        if self._clients > MOST_CLIENTS:
+        if self._clients >= MOST_CLIENTS:
             full = f"{MOST_CLIENTS} clients are connected, more are not served"
             return _response(protocol, HTTPStatus.SERVICE_UNAVAILABLE, full)
         why = refusal(self._begin.access, asked[0])
@@ -214,9 +243,10 @@ def _hang_up(writer: StreamWriter) -> None:
         writer.transport.abort()
 
 
-async def _pass_on(reader: StreamReader, writer: StreamWriter) -> None:
+async def _pass_on(reader: StreamReader, writer: StreamWriter, replies: FrameQueue) -> None:
     with suppress(OSError):
         while data := await reader.read(CHUNK_BYTES):
+            await replies.room()
             writer.write(data)
             await writer.drain()
 

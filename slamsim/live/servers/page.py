@@ -26,7 +26,7 @@ from slamsim.guard.errors import SlamsimError
 from slamsim.live.controls import Controls
 from slamsim.live.hub import Hub
 from slamsim.live.servers.access import Access, not_served
-from slamsim.live.servers.front import LoopThread
+from slamsim.live.servers.front import LoopThread, connections
 from slamsim.live.servers.web.answers import (
     Recordings,
     answer,
@@ -52,24 +52,14 @@ MOST_CLIENTS = 64
 MOST_BYTES = 1 << 16
 """Of a message of a client; the longest request has some hundred."""
 
-_OPEN_S, _CLOSE_S = 10.0, 0.5
-"""For a client to say what it wants, and to say goodbye."""
+_CLOSE_S = 0.5
+"""For a client to say goodbye."""
 
 _LIVE, _RECORDING = "/live", "/recording/"
 
 _log = logging.getLogger(__name__)
 _log_of_sockets = logging.getLogger(f"{__name__}.sockets")
 _log_of_sockets.setLevel(logging.CRITICAL)  # what clients send is theirs, and worth no traceback
-
-
-class _Connection(ServerConnection):
-    """The library's time limit would hold for a whole download: this one is for the request."""
-
-    async def handshake(self, *options: Any) -> None:
-        async with asyncio.timeout(_OPEN_S):
-            waiting = [self.request_rcvd, self.connection_lost_waiter]
-            await asyncio.wait(waiting, return_when=asyncio.FIRST_COMPLETED)
-        await super().handshake(*options)
 
 
 class PageServer(LoopThread):
@@ -103,7 +93,7 @@ class PageServer(LoopThread):
                 self._access.host,
                 self._port,
                 process_request=self._answer,
-                create_connection=_Connection,
+                create_connection=connections(),
                 server_header=None,
                 compression=None,  # what is large is compressed once, not for each client
                 open_timeout=None,

@@ -86,6 +86,15 @@ class Subscription:
         return message is not self.seen and not (waits and now_s < self.due_s)
 
 
+@dataclass(frozen=True, slots=True)
+class _Begun:
+    """A message of which fragments are still to be sent."""
+
+    topic: str
+    size: int
+    parts: Iterator[bytes]
+
+
 class Client:
     """One connection. All of it happens on the server's event loop."""
 
@@ -101,6 +110,8 @@ class Client:
         self._replies: deque[Frame] = deque()
         self._reply_bytes = 0
         self._numbers = itertools.count()
+        self._begun: deque[_Begun] = deque()
+        self._passed: asyncio.Future[float] | None = None
         self._wake, self._room = asyncio.Event(), asyncio.Event()
         self._room.set()
 
@@ -166,25 +177,33 @@ class Client:
         subscription.waiting.clear()
 
     async def write(self) -> None:
-        """Send what waits, until the connection is closed."""
+        """Send what waits, until the connection is closed. Between two fragments of a message go
+        those of other topics: a map delays no scan."""
         loop = asyncio.get_running_loop()
         while True:
             await self._send_replies()
             now_s = loop.time()
             subscription = self._next(now_s)
-            if subscription is None:
+            if subscription is not None:
+                await self._send_next(subscription, now_s)
+            if self._begun and (self._passed is None or self._passed.done()):
+                await self._send_fragments()
+            elif subscription is None:
                 self._wake.clear()
                 dues = [one.due_s for one in self.subscriptions.values() if one.waiting]
                 timer = loop.call_at(min(dues), self._wake.set) if dues else None
                 await self._wake.wait()
                 if timer is not None:
                     timer.cancel()
-                continue
-            await self._send_next(subscription, now_s)
 
     def _next(self, now_s: float) -> Subscription | None:
         """The one with the oldest message of those that are not limited at present."""
-        ready = [s for s in self.subscriptions.values() if s.waiting and self._is_due(s, now_s)]
+        begun = [one.topic for one in self._begun]
+        ready = [
+            one
+            for name, one in self.subscriptions.items()
+            if one.waiting and self._is_due(one, now_s) and name not in begun
+        ]
         return min(ready, key=lambda one: one.waiting[0][0], default=None)
 
     @staticmethod
@@ -196,15 +215,32 @@ class Client:
         options = subscription.options
         if options.queue_length > 0:
             subscription.due_s = now_s + options.throttle_s
+        if options.fragment_size is not None and frame.text:
+            parts = split(frame.data, options.fragment_size, f"{subscription.topic}#{number}")
+            self._begun.append(_Begun(subscription.topic, len(frame.data), parts))
+            return
         try:
-            if options.fragment_size is None or not frame.text:
-                await self._send(frame)
-                return
-            for part in split(frame.data, options.fragment_size, f"{subscription.topic}#{number}"):
-                await self._send(Frame(part, text=True))
-                await self._send_replies()
+            await self._send(frame)
         finally:
             self.queued_bytes -= len(frame.data)
+
+    async def _send_fragments(self) -> None:
+        """Some, of each message that is begun in turn; the next once the client has read these, or
+        what comes meanwhile would wait behind megabytes in the buffers of two kernels."""
+        assert self._connection is not None
+        sent = 0
+        while self._begun and sent < _CHUNK:
+            begun = self._begun.popleft()
+            part = next(begun.parts, None)
+            if part is None:
+                self.queued_bytes -= begun.size
+                continue
+            self._begun.append(begun)
+            await self._send(Frame(part, text=True))
+            sent += len(part)
+        if self._begun:
+            self._passed = asyncio.ensure_future(await self._connection.ping())
+            self._passed.add_done_callback(lambda _: self._wake.set())
 
     async def _send_replies(self) -> None:
         while self._replies:

@@ -24,7 +24,7 @@ from slamsim.live.controls import Controls
 from slamsim.live.hub import Hub
 from slamsim.live.rosbridge import LARGEST_MESSAGE
 from slamsim.live.servers.access import Access, not_served, refusal
-from slamsim.live.servers.front import LoopThread
+from slamsim.live.servers.front import LoopThread, connections
 from slamsim.live.servers.rosbridge.client import Client
 from slamsim.live.servers.rosbridge.operations import Operations
 from slamsim.live.servers.rosbridge.topics import Topics
@@ -69,6 +69,8 @@ class RosbridgeServer(LoopThread):
                 self._access.host,
                 self._port,
                 process_request=self._admit,
+                create_connection=connections(),
+                open_timeout=None,
                 subprotocols=[SUBPROTOCOL],
                 select_subprotocol=_subprotocol,
                 compression=None,  # on this machine it only costs time
