@@ -163,14 +163,23 @@ MOST_VALUES = 10_000
 make a ROS message of as many takes 0.1 s at most, in which no other client is served."""
 _LARGEST_CBOR = 256 << 10
 """Each of its bytes may become a dictionary of 64."""
+_TOO_MANY = f"a message of more than {MOST_VALUES:,} values is not read; bytes may come as base64"
 
 
-def parsed(frame: str | bytes) -> dict[str, Any]:
-    """An operation that came in, text as JSON and bytes as CBOR; raises WrongMessage."""
+def request_of(frame: str | bytes) -> dict[str, Any]:
+    """What a client asks of a server that has others to serve: `parsed`, but of no more values than
+    it can read meanwhile; raises WrongMessage."""
     if isinstance(frame, bytes) and len(frame) > _LARGEST_CBOR:
         raise WrongMessage(f"CBOR of more than {_LARGEST_CBOR:,} bytes is not read")
     if isinstance(frame, str) and sum(map(frame.count, ",[{")) > 10 * MOST_VALUES:
         raise WrongMessage(_TOO_MANY)  # some may be part of a text, but not so many
+    operation = parsed(frame)
+    _refuse_many_values(operation)
+    return operation
+
+
+def parsed(frame: str | bytes) -> dict[str, Any]:
+    """An operation that came in, text as JSON and bytes as CBOR; raises WrongMessage."""
     try:
         if isinstance(frame, bytes):
             operation = cbor2.loads(frame, tag_hook=_typed_array)
@@ -185,11 +194,7 @@ def parsed(frame: str | bytes) -> dict[str, Any]:
         raise WrongMessage(f"an object with an 'op' is needed, not {shown(operation)}")
     if any(isinstance(value, np.ndarray) for value in operation.values()):
         raise WrongMessage("a typed array may only stand inside a message")
-    _refuse_many_values(operation)
     return operation
-
-
-_TOO_MANY = f"a message of more than {MOST_VALUES:,} values is not read; bytes may come as base64"
 
 
 def _refuse_many_values(operation: dict[str, Any]) -> None:

@@ -285,15 +285,15 @@ def test_messages_of_too_many_values_are_refused(value: object) -> None:
     most = rosbridge.MOST_VALUES
     for dumps in (json.dumps, cbor2.dumps):
         sound = {"op": "fly", "msg": [value] * (most - 3)}
-        assert rosbridge.parsed(dumps(sound)) == sound
+        assert rosbridge.request_of(dumps(sound)) == sound
         with pytest.raises(WrongMessage, match="more than 10,000 values"):
-            rosbridge.parsed(dumps({"op": "fly", "msg": [value] * most}))
+            rosbridge.request_of(dumps({"op": "fly", "msg": [value] * most}))
     with pytest.raises(WrongMessage, match="more than"):
-        rosbridge.parsed(cbor2.dumps({"op": "fly", "msg": [{}] * 300_000}))
+        rosbridge.request_of(cbor2.dumps({"op": "fly", "msg": [{}] * 300_000}))
     with pytest.raises(WrongMessage, match="more than"):
-        rosbridge.parsed(json.dumps([[]] * 300_000))
+        rosbridge.request_of(json.dumps([[]] * 300_000))
     text = {"op": "fly", "msg": "," * (5 * most)}
-    assert rosbridge.parsed(json.dumps(text)) == text
+    assert rosbridge.request_of(json.dumps(text)) == text
 
 
 def test_what_is_no_websocket_is_answered() -> None:

@@ -17,7 +17,7 @@ from slamsim.io.ros.values import (
 )
 from slamsim.live.controls import Controls
 from slamsim.live.requests import SUBSCRIBED, publish
-from slamsim.live.rosbridge import parsed
+from slamsim.live.rosbridge import request_of
 from slamsim.live.servers.rosbridge.client import LEVELS, Client, Kind, Options
 from slamsim.live.servers.rosbridge.services import (
     Answer,
@@ -81,7 +81,7 @@ class Operations:
         """What a client sent: it is told in a status what was wrong with it."""
         operation: Operation = {}
         try:
-            operation = parsed(frame)
+            operation = request_of(frame)
             self._obey(client, operation)
         except SlamsimError as error:
             client.tell("error", str(error), _key(operation))
@@ -173,7 +173,7 @@ class Operations:
         text = client.fragments.add(operation, self._loop.time())
         if text is None:
             return
-        whole = parsed(text)
+        whole = request_of(text)
         if whole.get("op") == "fragment":
             raise WrongMessage("fragments of fragments are not read")
         self.handle(client, text)
