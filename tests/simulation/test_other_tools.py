@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 import json
+import struct
 import subprocess
+import sys
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from bag_data import ROS2, Robot, as_mcap
+from mcap.opcode import Opcode
 from mcap.reader import NonSeekingReader, SeekingReader
+from mcap_rules import broken_rules
 from rosbags.convert import convert
 from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from slamsim.config.loading import load_run_config
+from slamsim.io.copy.recording import copy_recording
 from slamsim.io.mcap.reader import index_mcap
-from slamsim.io.open import read_log
+from slamsim.io.open import read_log, read_recording
 from slamsim.sim.drive.record import START_NS
 from slamsim.simulation.simulate import simulate
 
@@ -71,7 +77,6 @@ def mcap_of(recorded: Path) -> Path:
 
 
 def test_the_library_of_mcap_finds_every_checksum_right_and_every_message(recorded: Path) -> None:
-    """What ``mcap doctor`` looks at, as far as the library checks it."""
     with mcap_of(recorded).open("rb") as file:
         summary = SeekingReader(file, validate_crcs=True).get_summary()
         assert summary is not None and summary.statistics is not None
@@ -87,6 +92,39 @@ def test_the_library_of_mcap_finds_every_checksum_right_and_every_message(record
         starts = [chunk.message_start_time for chunk in summary.chunk_indexes]
         assert starts == sorted(starts) and ends == sorted(ends)
     assert not any(index_mcap(mcap_of(recorded)).unchecked.values())
+
+
+def test_no_rule_of_mcap_is_broken_nor_is_one_by_a_copy(recorded: Path, tmp_path: Path) -> None:
+    """As ``mcap doctor`` asks; a copy is written by other code of ours."""
+    assert broken_rules(mcap_of(recorded)) == []
+    read = read_recording(recorded)
+    copy_recording(recorded, read, read, tmp_path / "copy")
+    assert broken_rules(mcap_of(tmp_path / "copy")) == []
+
+
+def test_what_breaks_a_rule_of_mcap_is_found(recorded: Path, tmp_path: Path) -> None:
+    """The rules themselves, on files that a foreign writer made wrong."""
+    late_first = sorted(Robot(ROS2).drive(), key=lambda message: -message[1])
+    unsorted = broken_rules(as_mcap(tmp_path / "unsorted.mcap", late_first))
+    assert set(unsorted) == {"messages in the order of log time"}
+    loose = broken_rules(as_mcap(tmp_path / "loose.mcap", Robot(ROS2).drive(), chunked=False))
+    assert "no message stands outside a chunk" in loose
+    data = bytearray(mcap_of(recorded).read_bytes())
+    statistics = data.rindex(bytes([Opcode.STATISTICS]) + struct.pack("<Q", 46 + 10 * 11))
+    data[statistics + 9] ^= 1
+    (tmp_path / "wrong.mcap").write_bytes(data)
+    assert broken_rules(tmp_path / "wrong.mcap") == [
+        "the Statistics count what is there",
+        "checksum of the summary",
+    ]
+
+
+def test_rosbag_doctor_has_no_complaint(recorded: Path) -> None:
+    """Gaps, rates, stamps, coverage, synchronisation, by somebody else's rules."""
+    command = [sys.executable, "-m", "rosbag_doctor", recorded, "--strict", "--format", "json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert json.loads(done.stdout)["issues"] == []
 
 
 def test_no_time_is_one_that_ros_1_takes_for_none(recorded: Path) -> None:
