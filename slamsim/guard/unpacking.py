@@ -19,6 +19,8 @@ PACKINGS = (".gz", ".bz2", ".zst", ".zstd")
 """What the names of packed files end in; their first bytes decide."""
 BLOCK_BYTES = 1 << 16
 _GZIP_MAGIC, _BZIP2_MAGIC, _ZSTD_MAGIC = b"\x1f\x8b", b"BZh", b"\x28\xb5\x2f\xfd"
+_MAGICS = (_GZIP_MAGIC, _BZIP2_MAGIC, _ZSTD_MAGIC)
+PACKED_TWICE = "is packed twice; unpack it once, then give what comes out"
 _MAGIC_BYTES, _ZSTD_HEAD_BYTES = 4, 18
 _SPACE_ASKED_BYTES = 64 << 20
 
@@ -35,7 +37,7 @@ def is_packed(path: Path) -> bool:
     """Whether ``blocks`` would unpack this file; raises as ``open_input`` does."""
     with open_input(path) as file:
         magic = file.read(_MAGIC_BYTES)
-    return magic.startswith((_GZIP_MAGIC, _BZIP2_MAGIC, _ZSTD_MAGIC))
+    return magic.startswith(_MAGICS)
 
 
 def unpack(path: Path, target: Path) -> None:
@@ -54,6 +56,8 @@ def unpack_sound(path: Path, target: Path) -> InputRefused | None:
     with open_input(path) as file, target.open("xb") as unpacked:
         try:
             for block in blocks(file):
+                if not total and block.startswith(_MAGICS):
+                    raise Damaged(PACKED_TWICE)
                 if total // _SPACE_ASKED_BYTES != (total + len(block)) // _SPACE_ASKED_BYTES:
                     require_free_space(target.parent, 2 * _SPACE_ASKED_BYTES)
                 total += len(block)

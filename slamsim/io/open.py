@@ -8,6 +8,7 @@ from pathlib import Path
 from slamsim.core.types import Log, Trajectory
 from slamsim.guard.errors import InputRefused, NotFound, OverrideRefused
 from slamsim.guard.files import own_file
+from slamsim.guard.unpacking import PACKED_TWICE, PACKINGS
 from slamsim.io import LOG, TABLES
 from slamsim.io.formats import Contents, Format, Survey, Truth, formats
 from slamsim.io.input_errors import as_input_errors, damaged
@@ -159,6 +160,8 @@ def recording_at(path: Path) -> Path:
     if not path.is_dir():
         if any(each.is_file(path) for each in known):
             return path
+        if len(path.suffixes) > 1 and set(path.suffixes[-2:]) <= set(PACKINGS):
+            raise InputRefused(path, PACKED_TWICE)
         suffix = path.suffix or "no suffix"
         raise InputRefused(path, f"{suffix} is not a known log format; {_about(known)}")
     for each in known:

@@ -89,6 +89,17 @@ def test_a_packed_file_is_read_as_the_plain_one(
     assert list(scratch.iterdir()) == []
 
 
+@pytest.mark.parametrize("named", ["a.mcap.zst.gz", "a.mcap.gz"])
+def test_a_file_that_is_packed_twice_is_refused_in_words(named: str, tmp_path: Path) -> None:
+    """Whether its name says so or not; a bomb in an archive is one."""
+    packed = tmp_path / named
+    plain = as_mcap(tmp_path / "plain.mcap", ROBOT.drive()).read_bytes()
+    packed.write_bytes(gzip.compress(zstandard.compress(plain)))
+    for read in (read_log, survey_recording):
+        with pytest.raises(InputRefused, match=r"is packed twice; unpack it once"):
+            read(packed)
+
+
 def test_a_packed_carmen_log_is_read_as_the_plain_one(tmp_path: Path) -> None:
     body = "FLASER 4 1.0 2.0 3.0 4.0 {0} 0 0 {0} 0 0 {1} host {1}"
     text = "\n".join(body.format(0.1 * i, 10.0 + i) for i in range(30))
