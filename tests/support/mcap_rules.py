@@ -39,6 +39,8 @@ _KINDS: dict[int, Any] = {
     Opcode.SUMMARY_OFFSET: records.SummaryOffset,
     Opcode.DATA_END: records.DataEnd,
 }
+_SHARED = "message_start_time", "message_end_time", "compression", "uncompressed_size"
+"""What a chunk and its index both say."""
 Placed = tuple[int, int, Any]
 """(offset, length with opcode, record)"""
 
@@ -108,7 +110,7 @@ class Rules:
                 indexes: dict[int, Any] = {}
                 for _, _, index in takewhile(_is_message_index, islice(found, i + 1, None)):
                     self._ask(index.channel_id not in indexes, "one message index a channel")
-                    indexes[index.channel_id] = dict((o, t) for t, o in index.records)
+                    indexes[index.channel_id] = {o: t for t, o in index.records}
                 self._walked[offset] = self._chunk(record, indexes)
             elif isinstance(record, records.Message):
                 self._ask(False, "no message stands outside a chunk")
@@ -170,13 +172,19 @@ class Rules:
                 and index.compressed_size == len(chunk.data)
                 and all(
                     getattr(index, name) == getattr(chunk, name)
-                    for name in ("message_start_time", "message_end_time")
-                    + ("compression", "uncompressed_size")
+                    for name in (
+                        "message_start_time",
+                        "message_end_time",
+                        "compression",
+                        "uncompressed_size",
+                    )
                 ),
                 "an index says what its chunk says",
             )
             places = index.message_index_offsets.items()
-            named = {c for c, o in places if getattr(at.get(o, (0, None))[1], "channel_id", -1) == c}
+            named = {
+                c for c, o in places if getattr(at.get(o, (0, None))[1], "channel_id", -1) == c
+            }
             self._ask(
                 named == self._walked.get(index.chunk_start_offset), "an index names its channels"
             )
