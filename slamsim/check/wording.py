@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from dataclasses import asdict
 
@@ -15,6 +16,9 @@ JSON_VERDICTS: dict[Verdict, str] = {
     "inconclusive": "cannot tell",
 }
 """What verdicts are called in ``--json``, where names never change."""
+_REPEATED = 0.6
+"""Share of the words of a meaning from which on a sentence repeats it: those that do share 0.63
+and more, others 0.43 and less."""
 
 
 def headline(report: CheckReport) -> str:
@@ -47,8 +51,13 @@ def signed_words(value: float, unit: str, more: str, less: str) -> str:
 
 
 def warning(finding: Finding) -> str:
-    """A fault, as it stands among the warnings of a run."""
-    return f"{fault_meaning(finding.fault or '')} ({finding.subject}): {finding.words}"
+    """A fault, as it stands among the warnings of a run: without its meaning where the evidence
+    says the same in the same words."""
+    meaning = fault_meaning(finding.fault or "")
+    known, said = (set(re.findall(r"\w+", text.lower())) for text in (meaning, finding.words))
+    if len(known & said) >= _REPEATED * len(known):
+        return f"{finding.subject}: {finding.words}"
+    return f"{meaning} ({finding.subject}): {finding.words}"
 
 
 def as_json(report: CheckReport) -> dict[str, object]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from slamsim.guard.errors import OverrideRefused, SlamsimError, shown
+from slamsim.guard.quantities import as_count
 
 if TYPE_CHECKING:
     from slamsim.config.run import RunConfig
@@ -97,7 +99,7 @@ def close_run(reporter: Reporter, report: Report, folder: Path, *, verbose: bool
     reporter.table(str(report.numbers["name"]), summary(report.numbers))
     reporter.say(f"Written to {folder}/")
     if report.mapped:
-        reporter.say(f"Look at {folder}/report.html, or: slamsim view {folder}")
+        reporter.say(f"Look at {folder}/report.html, or: slamsim view {shlex.quote(str(folder))}")
     _tell_verdict(reporter, report, verbose)
     reporter.result({**report.numbers, "folder": str(folder)})
     if report.unjoined:
@@ -118,4 +120,5 @@ def _tell_verdict(reporter: Reporter, report: Report, verbose: bool) -> None:
         reporter.warn(warning)
     if len(told) > WARNINGS_TOLD:
         page = ", report.html" if report.mapped else ""
-        reporter.note(f"{len(told) - WARNINGS_TOLD} lesser warnings: --verbose{page}")
+        more = as_count(len(told) - WARNINGS_TOLD, "lesser warning")
+        reporter.note(f"{more}: --verbose{page}")

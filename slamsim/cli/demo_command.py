@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from enum import StrEnum
 from typing import Annotated
 
@@ -42,5 +43,5 @@ def demo(
 
         numbers = rotation_bug(config, folder, reporter, overwrite=overwrite)
     reporter.table(name.value, labelled(numbers))
-    reporter.say(f"Look at {folder}/report.html, or: slamsim view {folder}")
+    reporter.say(f"Look at {folder}/report.html, or: slamsim view {shlex.quote(str(folder))}")
     reporter.result({**numbers, "folder": str(folder)})

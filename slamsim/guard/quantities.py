@@ -36,6 +36,11 @@ def as_interval(value: float, sigma: float) -> str:
     return f"{as_number(value, max(min(whole + places, _DIGITS), 1))} ± {as_number(sigma, 2)}"
 
 
+def as_count(count: int, noun: str) -> str:
+    """``1 scan``, ``2,345 scans``."""
+    return f"{count:,} {noun}{'' if count == 1 else 's'}"
+
+
 def as_lengths(*lengths_m: float) -> list[str]:
     """Lengths that stand beside each other, in one unit: millimetres below 0.1 m, else metres."""
     in_mm = max(map(abs, lengths_m), default=0.0) < 0.1

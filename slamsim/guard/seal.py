@@ -13,6 +13,7 @@ import hashlib
 import json
 import os
 import re
+import shlex
 import time
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -184,7 +185,7 @@ def _seal(path: Path, _: _Identity) -> Seal | None:
 def _altered(seal: Seal, path: Path) -> str:
     way_out = "make it again"
     if path.suffix in _RECOVERABLE:
-        way_out += f", or `slamsim recover {path}` gets back what is whole"
+        way_out += f", or `slamsim recover {shlex.quote(str(path))}` gets back what is whole"
     return (
         f"has changed since slamsim wrote it; {way_out}; if it was changed on purpose, copy it out "
         f"of the folder {seal.folder} (`slamsim verify {seal.folder}` tells what else is damaged)"

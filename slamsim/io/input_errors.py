@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,7 +19,9 @@ def damaged(
     error: what led to it; one that exceeds a limit is no damage.
     """
     limit = "" if error is None else limit_of(error)
-    way_out = "" if limit else f"; `slamsim recover {path}` gets back what is whole"
+    way_out = (
+        "" if limit else f"; `slamsim recover {shlex.quote(str(path))}` gets back what is whole"
+    )
     return InputRefused(path, f"{reason}{way_out}", where, limit=limit)
 
 

@@ -29,6 +29,9 @@ _FLOOR_M = 0.1
 """What is lower above the base frame may be the floor."""
 _SLAB_BEAMS = 720
 """Beams of a turn where no ring tells how many: half a degree, as pointcloud_to_laserscan has."""
+_REGULAR = 0.9
+"""Columns of returns that lie within a fourteenth of a step of multiples of it (0.9 is the mean
+cosine of 0.45 rad): wider than half a degree, half of the beams would be empty in each scan."""
 _MOST_BEAMS, _FEWEST_BEAMS = 7200, 180
 _GAP_RAD = math.radians(10.0)
 """Directions without any return in all clouds looked at are no part of the lidar's view."""
@@ -223,9 +226,9 @@ def _planned(clouds: Sequence[Points], place: Place, wanted_m: Heights | None) -
             f"none of its first {len(clouds)} clouds has a return at {place.in_words(heights_m)}"
             ": --cloud-height LOW,HIGH chooses others"
         )
-    beams, phase_rad = _SLAB_BEAMS, 0.0
-    if ring is not None:
-        beams, phase_rad = _directions(chosen)
+    beams, phase_rad, regular = _directions(chosen)
+    if ring is None and (beams > _SLAB_BEAMS or regular < _REGULAR):
+        beams, phase_rad = _SLAB_BEAMS, 0.0
     bins = np.unique(np.concatenate([_bins(each, beams, phase_rad) for each in chosen]))
     first, count = _view(bins, beams)
     sweep, timed = sweep_of(chosen)
@@ -264,17 +267,18 @@ def _bins(cloud: Points, beams: int, phase_rad: float) -> IntArray:
     return np.asarray(bins.astype(np.int64) % beams)
 
 
-def _directions(clouds: Sequence[Points]) -> tuple[int, float]:
-    """(beams of a turn, angle of one of them) of a ring."""
+def _directions(clouds: Sequence[Points]) -> tuple[int, float, float]:
+    """(beams of a turn, angle of one of them, how regular: 1 where all are multiples of the step
+    between beams, about 0 at random) of the returns that count."""
     gaps = [np.diff(np.sort(_azimuths_rad(cloud))) for cloud in clouds]
     apart: NDArray[np.float64] = np.concatenate(gaps)
     apart = apart[apart > 1e-5]
     if not apart.size:
-        return _SLAB_BEAMS, 0.0
+        return _SLAB_BEAMS, 0.0, 0.0
     beams = int(np.clip(round(2.0 * math.pi / np.median(apart)), _FEWEST_BEAMS, _MOST_BEAMS))
     angles = np.concatenate([_azimuths_rad(cloud) for cloud in clouds])
     mean = np.exp(1j * beams * angles).mean()
-    return beams, float(np.angle(mean)) / beams
+    return beams, float(np.angle(mean)) / beams, float(np.abs(mean))
 
 
 def _view(bins: IntArray, beams: int) -> tuple[int, int]:

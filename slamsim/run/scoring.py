@@ -19,7 +19,7 @@ from slamsim.evaluate.bound import TrajectoryBound, trajectory_bound
 from slamsim.evaluate.budget import error_budget
 from slamsim.evaluate.consistency import nees, nees_in_map
 from slamsim.evaluate.score import Scores, evaluate
-from slamsim.guard.quantities import as_lengths, as_number
+from slamsim.guard.quantities import as_count, as_lengths, as_number
 from slamsim.io.text.relations import Relations
 from slamsim.run.stages import Stages
 from slamsim.slam.events import BY_WEIGHT, by_weight
@@ -135,7 +135,7 @@ def _bound(estimated: Estimated, known: Known) -> TrajectoryBound | None:
 _DOUBTFUL: dict[EventKind, str] = {
     "kidnapped": "where the robot may have been carried",
     "torn": "where it may be torn",
-    "joined": "where its parts hang together by little",
+    "joined": "where little joins its parts",
     "lost": "where scans fitted nowhere",
 }
 _GRAVE = BY_WEIGHT[: BY_WEIGHT.index("open loop") + 1]
@@ -194,4 +194,7 @@ def _checked(result: SlamResult) -> str:
     count = result.closures_accepted
     if not count:
         return "no place was seen twice, so no loop checks it"
-    return f"{count:,} loop closures agree and nothing needs a look"
+    agree = f"{as_count(count, 'loop closure')} agree{'s' * (count == 1)}"
+    if any(event.kind == "open loop" for event in result.events):
+        return f"{agree}, but none checks a part of the path (see the warning)"
+    return f"{agree} and nothing needs a look"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -13,6 +14,8 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 from view_example import example_run
 
+from slamsim.check.findings import Finding
+from slamsim.check.wording import warning
 from slamsim.cli.common import close_run
 from slamsim.cli.main import app
 from slamsim.config.loading import load_run_config, with_drive_seed
@@ -64,6 +67,14 @@ def test_a_verdict_says_how_good_how_sure_and_what_to_look_at() -> None:
     assert "12.3 mm from the truth" in told and "(95 %)" in told
 
 
+def test_a_path_that_no_loop_checks_is_not_called_checked() -> None:
+    result = replace(example_run().result, events=(), closures_accepted=1)
+    assert "1 loop closure agrees and nothing needs a look" in verdict(result, 10.0, 0.01)
+    open_ = replace(result, events=(Event(0, 1, "open loop", "no loop checks 159 m"),))
+    told = verdict(open_, 10.0, 0.01)
+    assert "nothing needs a look" not in told and "none checks a part of the path" in told
+
+
 def test_a_run_ends_with_its_verdict_and_three_warnings(
     capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -78,6 +89,17 @@ def test_a_run_ends_with_its_verdict_and_three_warnings(
     assert "6 lesser warnings: --verbose" in told.err
     close_run(Reporter(), report, tmp_path, verbose=True)
     assert capsys.readouterr().err.count("! warning") == 9
+    close_run(Reporter(), replace(report, weighed=warnings[:4]), tmp_path)
+    assert "1 lesser warning: --verbose" in capsys.readouterr().err
+
+
+def test_a_warning_says_nothing_twice() -> None:
+    words = "its messages name 'hokuyo', which no transform knows"
+    repeated = Finding("tf.frames", "/scan", "fault", words, fault="tf_unknown_frame")
+    assert warning(repeated) == f"/scan: {words}"
+    chain = "no chain of transforms leads from base to hokuyo, the frame of /scan"
+    other = Finding("tf.links", "base -> hokuyo", "fault", chain, fault="tf_missing_link")
+    assert warning(other) == f"frames that should be connected are not (base -> hokuyo): {chain}"
 
 
 def test_another_drive_keeps_the_world_and_changes_everything_else() -> None:

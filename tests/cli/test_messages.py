@@ -81,6 +81,13 @@ def test_an_output_that_is_there_names_the_option_that_replaces_it(tmp_path: Pat
     assert said(*words).endswith("choose another name, or replace it by --overwrite")
 
 
+def test_a_command_that_helps_can_be_pasted_though_the_path_has_spaces(tmp_path: Path) -> None:
+    folder = tmp_path / "my drive"
+    folder.mkdir()
+    (folder / "a.mcap").write_bytes(b"")
+    assert f"`slamsim recover '{folder}'` gets back what is whole" in said("map", str(folder))
+
+
 def test_a_screenshot_without_a_vulkan_driver_names_the_package(tmp_path: Path) -> None:
     from view_example import example_run
 

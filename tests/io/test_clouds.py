@@ -27,7 +27,7 @@ from simulated import ate_rmse_m
 
 from slamsim.config.loading import load_run_config
 from slamsim.core.geometry import matrix_from_rpy, xyzw_from_matrix
-from slamsim.core.types import FloatArray, PlanarTrajectory, Scan
+from slamsim.core.types import FloatArray, PlanarTrajectory, Scan, ScanGeometry
 from slamsim.guard.errors import InputRefused, OverrideRefused, SlamsimError
 from slamsim.io.open import open_recording, read_log, read_recording, survey_recording
 from slamsim.io.ros.clouds import UnusableClouds, points_of
@@ -89,6 +89,23 @@ def test_a_slab_keeps_off_the_floor_and_takes_the_nearest(tmp_path: Path) -> Non
         assert np.quantile(off_m(found, true), 0.99) < 0.05
     assert "heights 0.20 to 0.80 m above base_footprint" in log.sources
     assert "no time of the points: each cloud counts as one instant" in log.sources
+
+
+def test_columns_that_lie_wider_apart_are_beams_of_their_width(tmp_path: Path) -> None:
+    """No beam in between, which would never return anything; columns closer than half a degree, or
+    without order, stay in steps of half a degree."""
+    for count, random, beams in (360, 0.0, 360), (1440, 0.0, 720), (360, 1.0, 720):
+        geometry = ScanGeometry(-np.pi, 2.0 * np.pi / count, count, 0, 0.1, 30.0)
+        jitter = np.random.default_rng(1).uniform(-0.5, 0.5, (FEW, count)) * random
+        clouds = []
+        for scan, off in zip(sensed(geometry)[:FEW], jitter, strict=True):
+            angles = geometry.angles_rad() + off * geometry.angle_step_rad
+            xy = scan.ranges_m.astype(np.float64) * np.array([np.cos(angles), np.sin(angles)])
+            columns = np.tile(np.vstack([xy, np.zeros(count)]), 3)
+            columns[2] += np.repeat([-0.1, 0.0, 0.1], count)
+            clouds.append(cloud(START_NS + scan.stamp_ns, dict(zip("xyz", columns, strict=True))))
+        log = read_log(bag_of(tmp_path / f"{count}{random}.mcap", as_messages(clouds)))
+        assert log.scans[0].geometry.beam_count == beams
 
 
 def test_heights_that_are_asked_for_count_even_with_rings(tmp_path: Path) -> None:

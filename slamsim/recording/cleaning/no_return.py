@@ -99,7 +99,7 @@ class RangeLimit:
             )
         if self.codes:
             bands = ", ".join(str(code) for code in reversed(self.codes))
-            told.append(f"readings of {bands} are no return (false alarm rate {FALSE_ALARM:g})")
+            told.append(f"readings of {bands} come so often that they mean no return")
         return told
 
 

@@ -9,6 +9,7 @@ from slamsim.core.geometry import between
 from slamsim.core.result import Calibrated, Event, EventKind
 from slamsim.core.types import Cloud, FloatArray, Scan
 from slamsim.guard.numbers import require_mount
+from slamsim.guard.quantities import as_count
 from slamsim.slam.calibration.solve import Solved
 from slamsim.slam.event_monitor import EventMonitor, TrackingState
 from slamsim.slam.frontend.deskew import MAX_TILT_RAD, deskew, tilt_of
@@ -198,11 +199,12 @@ class FrontEnd:
             ),
             (
                 self.skipped > CUT_BY_ENDS,
-                f"{self.skipped} scans skipped: the odometry does not cover their beams",
+                f"{as_count(self.skipped, 'scan')} skipped: the odometry does not cover "
+                "their beams",
             ),
             (
                 self.unmatched,
-                f"{self.unmatched} scans fitted nowhere, placed by odometry alone",
+                f"{as_count(self.unmatched, 'scan')} fitted nowhere, placed by odometry alone",
             ),
             (
                 self.recovered,
@@ -210,7 +212,7 @@ class FrontEnd:
             ),
             (
                 self.restarts,
-                f"{self.restarts} times lost: the local map was begun anew",
+                f"{as_count(self.restarts, 'time')} lost: the local map was begun anew",
             ),
             (
                 self._predictor.jumps,

@@ -10,6 +10,7 @@ import numpy as np
 from slamsim.core.geometry import rotation, se2_from_se3
 from slamsim.core.result import Calibrated
 from slamsim.core.types import BoolArray, FloatArray, Log, Scan, ScanGeometry, ScanSource
+from slamsim.guard.quantities import as_interval
 
 NAMES = (
     "laser_angle_scale",
@@ -91,21 +92,23 @@ class LaserCalibration:
     def _warnings(self) -> list[str]:
         off = self.values - self.declared
         size, doubt = off * _UNITS, self.sigmas * _UNITS
-        return [
-            _WORDS[n].format(size[n], doubt[n]) + "; corrected"
-            for n in np.flatnonzero(self.corrected)
-        ]
+        told = []
+        for n in np.flatnonzero(self.corrected):
+            sentence, more, less = _WORDS[n]
+            interval = as_interval(abs(float(size[n])), float(doubt[n]))
+            told.append(sentence.format(interval, more if size[n] > 0.0 else less) + "; corrected")
+        return told
 
 
 _UNITS = np.array([100.0, 1e3, 1e3, 1e3, 1e3, np.rad2deg(1.0)])
 """From shares, metres and radians to the units of _WORDS."""
 _WORDS = (
-    "the angle between beams is {0:+.2f} ± {1:.2f} % off the declared one",
-    "ranges exceed the true distances by {0:+.1f} ± {1:.1f} mm",
-    "a sweep lasts {0:+.1f} ± {1:.1f} ms longer than declared",
-    "the laser sits {0:+.0f} ± {1:.0f} mm further forward than declared",
-    "the laser sits {0:+.0f} ± {1:.0f} mm further to the left than declared",
-    "the laser looks {0:+.2f} ± {1:.2f} degrees further to the left than declared",
+    ("the angle between beams is {} % {} than declared", "larger", "smaller"),
+    ("ranges are {} mm too {}", "long", "short"),
+    ("a sweep lasts {} ms {} than declared", "longer", "shorter"),
+    ("the laser sits {} mm further {} than declared", "forward", "back"),
+    ("the laser sits {} mm further to the {} than declared", "left", "right"),
+    ("the laser looks {} degrees further to the {} than declared", "left", "right"),
 )
 
 

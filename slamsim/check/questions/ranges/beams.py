@@ -10,6 +10,7 @@ from slamsim.check.findings import Curve, Finding, Measurement, Plot
 from slamsim.check.question import FaultKind, Question, judge, unanswered
 from slamsim.check.scan_sample import ScanSample
 from slamsim.core.types import FloatArray
+from slamsim.guard.quantities import as_number
 from slamsim.recording.repairs.base import Repair
 from slamsim.recording.repairs.scans import isolated_returns
 from slamsim.slam.laser.own_body import (
@@ -154,7 +155,8 @@ def check_lost(topic: str, sample: ScanSample) -> Finding:
     return judge(
         LOST,
         topic,
-        f"{100.0 * share:.2g} % of the beams between two that meet one surface return nothing",
+        f"{as_number(100.0 * share, 2)} % of the beams between two that meet one surface return "
+        "nothing",
         Measurement(100.0 * share, 0.0, "%"),
         advice="Clean the window; look for sunlight, black surfaces and filters of the driver.",
     )
