@@ -121,7 +121,7 @@ def test_what_breaks_a_rule_of_mcap_is_found(recorded: Path, tmp_path: Path) -> 
 
 def test_rosbag_doctor_has_no_complaint(recorded: Path) -> None:
     """Gaps, rates, stamps, coverage, synchronisation, by somebody else's rules."""
-    command = [sys.executable, "-m", "rosbag_doctor", recorded, "--strict", "--format", "json"]
+    command = [sys.executable, "-m", "rosbag_doctor", str(recorded), "--strict", "--format", "json"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     assert json.loads(done.stdout)["issues"] == []

@@ -208,7 +208,7 @@ class FrontEnd:
             ),
             (
                 self.recovered,
-                f"{self.recovered} scans were found by search after a bad prediction",
+                f"{as_count(self.recovered, 'scan')} found by search after a bad prediction",
             ),
             (
                 self.restarts,
