@@ -51,7 +51,10 @@ def unpack(path: Path, target: Path) -> None:
 
 
 def unpack_sound(path: Path, target: Path) -> InputRefused | None:
-    """``unpack`` as far as an archive is sound: what is wrong after that, None if nothing is."""
+    """``unpack`` as far as an archive is sound: what is wrong after that, None if nothing is.
+
+    Raises InputRefused for a bomb, DiskFull.
+    """
     total = 0
     with open_input(path) as file, target.open("xb") as unpacked:
         try:

@@ -25,7 +25,7 @@ RUN_ELSEWHERE = {
     "--relations": "io/test_logs_carmen.py",
     "bench": "bench",
     "calibrate": "perception/test_calibration_mount.py",
-    "dataset make diverse": "dataset/test_dataset_recipes.py",
+    "dataset make diverse": "dataset/test_dataset_images.py",
     "dataset make examples/": "project/test_examples.py",
     "dataset plan labyrinths": "cli/test_piped_output.py",
     "dataset preview diverse": "cli/test_piped_output.py",
@@ -34,7 +34,7 @@ RUN_ELSEWHERE = {
     "live": "live",
     "replay": "cli/test_piped_output.py",
     "scenario": "cli/test_piped_output.py",
-    "sinks=[{type: foxglove": "simulation/test_live_sinks.py",
+    "sinks=[{type: foxglove": "simulation/test_sinks.py",
     "view": "report/test_view_recording.py",
 }
 """Words of a command that takes an hour, does not end by itself, opens a window or needs another
