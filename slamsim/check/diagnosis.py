@@ -25,6 +25,7 @@ OFFSETS = (*LIDAR_TIMES, "time_offset_imu", "time_offset_wheels")
 UNTIL_TURNS_AGREE = (*SIZES, "range_offset", "stamps_invented")
 """What scans of a wrong shape, or wheels of wrong sizes, make of everything else."""
 
+NO_CAUSE = "does_not_fit"
 LIDAR_QUESTIONS = ("laser.", "ranges.offset")
 
 BY_OTHERS = (
@@ -40,6 +41,7 @@ def explained(findings: Sequence[Finding]) -> tuple[Finding, ...]:
     """The same findings, those that another fault explains now inconclusive."""
     findings = _without_drift_of_none(_without_contradicted(findings))
     findings = _without_cameras_beside(findings)
+    findings = _without_known_cause(findings)
     faults = [finding for finding in findings if finding.verdict == "fault"]
     lidars = {one.subject for one in findings if one.check.startswith(LIDAR_QUESTIONS)}
     return tuple(_with_cause(finding, faults, lidars) for finding in findings)
@@ -84,6 +86,15 @@ def _without_cameras_beside(findings: Sequence[Finding]) -> list[Finding]:
         one.inconclusive(reason) if one.fault and one.check in BY_OTHERS else one
         for one in findings
     ]
+
+
+def _without_known_cause(findings: Sequence[Finding]) -> list[Finding]:
+    """What fits nothing has no known cause only where nothing else was found."""
+    known = [one for one in findings if one.fault and one.fault != NO_CAUSE]
+    if not known:
+        return list(findings)
+    reason = f"cannot be told while {fault_meaning(known[0].fault or '')} ({known[0].subject})"
+    return [one.inconclusive(reason) if one.fault == NO_CAUSE else one for one in findings]
 
 
 def _apart(one: Measurement | None, other: Measurement | None) -> bool:

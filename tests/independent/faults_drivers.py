@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from copy import deepcopy
+from dataclasses import replace
 
 import numpy as np
 
+from independent.drives import random_drive
 from independent.fault import Fault, Made, fault, of_all, of_lidar, of_wheels
 from independent.odometry import integrated_anew, odometry_in, publish, steps_in
 from independent.recorded import Messages, yaw_of, yaw_quaternion
 from independent.robots import Robot
-from independent.sensors import BEGIN_NS
+from independent.sensors import BEGIN_NS, imu_of, odometry_of
 
 
 def _unpadded(made: Made) -> None:
@@ -130,6 +132,22 @@ def _second_publisher(made: Made, of_tf: bool) -> None:
     half_ns = round(0.5e9 / made.robot.odometry_hz)
     other.stamps_ns, other.received_ns = other.stamps_ns + half_ns, other.received_ns + half_ns
     (made.bag.edges if of_tf else made.bag.odometry).append(other)  # type: ignore[arg-type]
+
+
+def _of_another_drive(made: Made, of_imu: bool) -> None:
+    """A recording of another day in the same room was merged in."""
+    conditions = made.conditions
+    drive = random_drive(conditions.scene, made.rng, conditions.drive.seconds)
+    other = replace(conditions, drive=drive, seed=conditions.seed + 1)
+    if of_imu:
+        made.bag.imu = [imu_of(made.robot, other)]
+        return
+    old = odometry_in(made)
+    odometry = odometry_of(made.robot, other)
+    count = len(old.stamps_ns)
+    odometry.take(np.minimum(np.arange(count), len(odometry.stamps_ns) - 1))
+    old.linear, old.angular = odometry.linear, odometry.angular
+    publish(made, odometry.xy_m, yaw_of(odometry.quaternion))
 
 
 def _every_second_beam(made: Made) -> None:
@@ -257,6 +275,21 @@ OF_MOTION = [
     ),
 ]
 
+MERGED = [
+    fault(
+        "odometry_of_another_drive",
+        "other_drive",
+        "does_not_fit",
+        change=lambda made: _of_another_drive(made, of_imu=False),
+    ),
+    fault(
+        "imu_of_another_drive",
+        "other_drive",
+        "does_not_fit",
+        change=lambda made: _of_another_drive(made, of_imu=True),
+    ),
+]
+
 OF_LASERS = [
     fault(
         "every_second_beam",
@@ -281,4 +314,4 @@ OF_LASERS = [
     ),
 ]
 
-DRIVER_FAULTS: list[Fault] = [*OF_STAMPS, *OF_MOTION, *OF_LASERS]
+DRIVER_FAULTS: list[Fault] = [*OF_STAMPS, *OF_MOTION, *MERGED, *OF_LASERS]

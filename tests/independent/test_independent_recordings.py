@@ -141,7 +141,7 @@ def test_each_fault_changes_the_recording(name: str) -> None:
 
 
 def test_clean_drives_give_no_alarm_and_plain_faults_are_named() -> None:
-    names = ["clean@1000001", "acceleration_g@1", "odometry_mm@1", "gyro_sign@1"]
+    names = ["clean@1000001", "acceleration_g@1", "odometry_mm@1", "odometry_of_another_drive@1"]
     rows = run_cases(FOLDER, cases([], 0, 0, names), 40.0)
     assert [row["right"] for row in rows] == [True] * 4, rows
     figures = summarise_independent(rows)

@@ -32,7 +32,7 @@ class SlipSpells:
     wheels, scans: (k, 2) path and turn by either, added up. slipping, frozen: (k,).
     beside_frozen: (k,) the spells before and after, in which the wheels may stand for a part.
     mismatched: (k,) the scans go further than the wheels that turn: more likely the match is
-    wrong.
+    wrong. least: (k, 2) path and turn below which a difference is noise of the scans.
     """
 
     start_s: FloatArray
@@ -43,6 +43,7 @@ class SlipSpells:
     frozen: BoolArray
     beside_frozen: BoolArray
     mismatched: BoolArray
+    least: FloatArray
 
     @property
     def distrusted(self) -> BoolArray:
@@ -60,9 +61,9 @@ def find_spells(model: Model, values: FloatArray) -> SlipSpells:
     by_gyro = _turns_by_gyro(model, values, covered, step_of)
     apart = np.abs(by_wheels - by_scans)
     extent = np.maximum(np.abs(by_wheels), np.abs(by_scans))
-    usual = np.median(apart, axis=0) / 0.6745
-    usual = np.maximum(usual, _sigmas(model.steps, values[LASER_YAW], step_of))
-    limits = np.maximum(np.array([LEAST_M, LEAST_RAD]), NOISE_SIGMAS * usual)
+    by_noise = NOISE_SIGMAS * _sigmas(model.steps, values[LASER_YAW], step_of)
+    least = np.maximum(np.array([LEAST_M, LEAST_RAD]), by_noise)
+    limits = np.maximum(least, NOISE_SIGMAS * np.median(apart, axis=0) / 0.6745)
     off = (apart > limits) & (apart > LEAST_SHARE * extent)
     still = np.abs(by_wheels) < STILL_SHARE * np.abs(by_scans)
     moved = np.abs(by_scans) > np.array([MOVED_M, MOVED_RAD])
@@ -80,7 +81,9 @@ def find_spells(model: Model, values: FloatArray) -> SlipSpells:
     lost = alone & (np.abs(by_scans[:, 1] - by_gyro) > limits[:, 1])
     slipping = (off & lasting & farther).any(axis=1) & ~frozen & ~lost
     mismatched = off.any(axis=1) & ~frozen & ~slipping
-    return SlipSpells(start_s, step_of, by_wheels, by_scans, slipping, frozen, beside, mismatched)
+    return SlipSpells(
+        *(start_s, step_of, by_wheels, by_scans, slipping, frozen, beside, mismatched, least)
+    )
 
 
 def _seconds(steps: LaserSteps, step_of: IntArray) -> FloatArray:
