@@ -201,7 +201,7 @@ class PostersConfig(Config):
 class PanesConfig(Config):
     """Sheets of glass and mirrors on walls, the hard cases of cameras.
 
-    They hang flat on the wall's mesh, so that no lidar sees them.
+    They hang flat on the wall's mesh; lidars see that wall, unless ``meets_panes`` of theirs is on.
     """
 
     glass: Count = 0

@@ -73,6 +73,9 @@ class LidarConfig(StreamConfig):
     """Returns that get lost."""
     mixed: MixedReturnsConfig = MixedReturnsConfig()
     """What happens at edges."""
+    meets_panes: bool = False
+    """Glass of ``world.looks.panes`` lets beams through and mirrors throw them back, as they do to
+    real lidars; without, both are as the wall behind them."""
     intensities: bool = False
     """Record the strength of each return: cos(incidence) / max(range, 1 m) squared."""
 

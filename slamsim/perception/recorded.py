@@ -145,7 +145,7 @@ def _usable(
     Raises what the first one lacks where none is left."""
     pictures = cameras.pictures()
     if not pictures:
-        raise InputRefused(path, "holds no colour or grey images in which tags could be seen")
+        raise cameras.refused("holds no colour or grey images in which tags could be seen")
     found: dict[str, UsedCamera] = {}
     lacking: list[SlamsimError] = []
     for each in pictures:

@@ -12,6 +12,7 @@ from slamsim.sensors import lidar_errors
 from slamsim.sensors.base import Site
 from slamsim.sensors.clock import StreamClock
 from slamsim.sensors.motion import Motion, PoseOverride, PoseSamples, as_mounted, beam_rays
+from slamsim.sensors.panes import past_panes
 from slamsim.sensors.readings import BeamTruth, ScanBatch
 from slamsim.sensors.scene import Hits, Scene
 
@@ -37,7 +38,7 @@ class Lidar:
     Beams are cast in batches of whole scans from the interpolated poses of the laser, on
     ``site.threads`` threads; neither changes a byte of the result. The robot itself is not seen.
     override: how the laser truly moves and looks, where that is not as it is mounted. with_truth:
-    keep what each beam truly met. name: of its random streams and its clock.
+    keep the surface that each beam truly met first. name: of its random streams and its clock.
     """
 
     def __init__(
@@ -54,6 +55,8 @@ class Lidar:
         self.geometry = scan_geometry(config, frame_id)
         self._config, self._T_base_laser, self._override = config, T_base_laser, override
         self._scene = Scene(site.mesh, floor_reach_m=config.range_max_m, threads=site.threads)
+        meets_panes = config.meets_panes and site.appearance is not None
+        self._looks = site.appearance() if meets_panes and site.appearance else None
         self._clock = StreamClock(config, site.start_ns, site.seed, name)
         self._streams = lidar_errors.EffectStreams(
             noise=random_stream(site.seed, name, "noise"),
@@ -122,12 +125,12 @@ class Lidar:
         samples = self._override(
             motion.pose_samples(self._T_base_laser, int(beam_ns[0]), int(beam_ns[-1]))
         )
-        hits = self._cast(samples, beam_ns, directions)
+        true, hits = self._cast(samples, beam_ns, directions)
         mixing = self._config.mixed
         if mixing.divergence_mrad == 0.0:
-            return hits, hits
+            return true, hits
         beside = lidar_errors.beside_a_jump(hits, self.geometry.beam_count, mixing.min_gap_m)
-        return hits, self._with_edges(hits, np.flatnonzero(beside), samples, beam_ns, directions)
+        return true, self._with_edges(hits, np.flatnonzero(beside), samples, beam_ns, directions)
 
     def _with_edges(
         self,
@@ -142,7 +145,7 @@ class Lidar:
 
         def parts(beams: IntArray, sub_rays: FloatArray) -> Hits:
             turned = lidar_errors.turned(directions[:, beams], sub_rays)
-            return self._cast(samples, np.repeat(beam_ns[beams], sub_rays.shape[1]), turned)
+            return self._cast(samples, np.repeat(beam_ns[beams], sub_rays.shape[1]), turned)[1]
 
         # Most beams beside an edge miss it: their two rims are cheaper than all their parts.
         rims = parts(beside, sub_rays[:, [0, -1]]).surfaces.reshape(-1, 2)
@@ -160,9 +163,15 @@ class Lidar:
         ranges_m[two], cosines[two] = seen.ranges_m, seen.cos_incidence
         return Hits(ranges_m, cosines, hits.surfaces, hits.triangles)
 
-    def _cast(self, samples: PoseSamples, beam_ns: IntArray, directions: FloatArray) -> Hits:
+    def _cast(
+        self, samples: PoseSamples, beam_ns: IntArray, directions: FloatArray
+    ) -> tuple[Hits, Hits]:
+        """The surfaces that beams meet, and what the lidar takes for them, which panes change."""
         rays = beam_rays(samples, beam_ns, directions, self._scene.origin_m)
-        return self._scene.cast(rays)
+        hits = self._scene.cast(rays)
+        return hits, hits if self._looks is None else past_panes(
+            self._scene, rays, hits, self._looks
+        )
 
 
 def _no_truth(shape: tuple[int, int]) -> BeamTruth:

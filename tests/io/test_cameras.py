@@ -17,9 +17,11 @@ from slamsim.cameras.codecs.pictures import encode_jpeg, encode_png
 from slamsim.guard.errors import InputRefused, NotFound
 from slamsim.io.cameras import open_cameras
 from slamsim.io.cameras.base import MOST_WAITING
+from slamsim.io.cameras.survey import read_with_cameras
 from slamsim.io.open import open_recording
 from slamsim.report.viewer.run import write_recording
 from slamsim.report.viewer.unmapped import unmapped
+from slamsim.run.cameras.odometry import registered
 
 RANDOM = np.random.default_rng(5)
 WIDTH, HEIGHT = 8, 6
@@ -205,10 +207,15 @@ def test_a_topic_that_cannot_be_read_says_why(tmp_path: Path) -> None:
     with open_cameras(bag(tmp_path / "a.mcap", *broken, good)) as cameras:
         assert set(cameras.topics) == {"/good"}
         assert "neither" in cameras.unread["/bad"]
+        with pytest.raises(InputRefused, match=r"no depth is registered.*; /bad: .*neither"):
+            registered(cameras)
         with pytest.raises(InputRefused, match="neither"):
             cameras.frames({"/bad"}).__next__()
     with open_cameras(bag(tmp_path / "b.mcap", *late, good)) as cameras:
         assert set(cameras.topics) == {"/good", "/bad"} and not cameras.unread
+    whole, some = (read_with_cameras(tmp_path / f"{name}.mcap") for name in "ab")
+    assert any("/bad: cannot be read: " in words for words in whole.anomalies) and not whole.unread
+    assert "/bad: 5 of 6 images looked at are damaged" in some.anomalies[0]
     with open_cameras(bag(tmp_path / "c.mcap", ("/i", CAMERA.info()))) as cameras:
         assert not cameras.topics and list(cameras.frames()) == []
 

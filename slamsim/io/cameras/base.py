@@ -140,6 +140,11 @@ class Cameras(ABC):
         for one, other in pairs_of(self.encoded({first, second}), first, within_ns):
             yield one.decoded(), other.decoded()
 
+    def refused(self, reason: str) -> InputRefused:
+        """The error for images that are not there, with what made those of other topics unread."""
+        unread = "".join(f"; {topic}: {why}" for topic, why in self.unread.items())
+        return InputRefused(self.path, reason + unread)
+
     def _known(self, topic: str) -> str:
         if topic not in self.topics:
             if topic in self.unread:

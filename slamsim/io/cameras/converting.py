@@ -77,7 +77,7 @@ def _to_tum(
     depths = cameras.of_kind("depth")
     colours = cameras.of_kind("colour") or cameras.of_kind("grey")
     if not colours and not depths:
-        raise SlamsimError(f"{cameras.path}: there are no camera images")
+        raise cameras.refused("there are no camera images")
     depth = depths[0].topic if depths else ""
     colour = cameras.depth_partners().get(depth, colours[0].topic if colours else "")
     names = {topic: name for topic, name in ((colour, "rgb"), (depth, "depth")) if topic}
@@ -96,7 +96,7 @@ def _to_euroc(
 ) -> Mapping[str, WrittenImages]:
     shown = sorted(each.topic for each in cameras.pictures())
     if not shown:
-        raise SlamsimError(f"{cameras.path}: there are no colour or grey images, as EuRoC has")
+        raise cameras.refused("there are no colour or grey images, as EuRoC has")
     names = {topic: f"cam{number}" for number, topic in enumerate(shown)}
     T_base_body, truth = _body(recorded)
     with EurocFolder(folder) as writer:

@@ -51,7 +51,30 @@ def with_cameras(recording: Recording, path: Path) -> Recording:
     if not is_ros(path):
         return recording
     with open_cameras(path) as cameras:
-        return replace(recording, cameras=survey(cameras))
+        return _with_survey(recording, cameras)
+
+
+def _with_survey(recording: Recording, cameras: Cameras) -> Recording:
+    """With what images show, and what of them cannot be read among the anomalies."""
+    looks = survey(cameras)
+    damaged = (
+        f"{each.topic}: {each.damaged} of {each.damaged + each.sampled.size} images looked at are "
+        "damaged, or of another kind than the first"
+        for each in looks
+        if each.damaged
+    )
+    unread = (f"{topic}: cannot be read: {why}" for topic, why in cameras.unread.items())
+    looked_at = {each.topic for each in looks} | {
+        claim.source.removeprefix("topic ") for claim in cameras.infos.values()
+    }
+    return replace(
+        recording,
+        cameras=looks,
+        anomalies=(*recording.anomalies, *damaged, *unread),
+        unread=tuple(
+            each for each in recording.unread if each.topic not in looked_at | set(cameras.unread)
+        ),
+    )
 
 
 def read_with_cameras(path: Path, wanted: Selection = EVERYTHING) -> Recording:
@@ -61,7 +84,7 @@ def read_with_cameras(path: Path, wanted: Selection = EVERYTHING) -> Recording:
     """
     if path.is_dir() and is_image_folder(path):
         with open_cameras(path) as cameras:
-            return Recording(path.name, "images", cameras=survey(cameras))
+            return _with_survey(Recording(path.name, "images"), cameras)
     recording = with_cameras(read_recording(path, wanted, may_be_empty=True), path)
     require_something(recording_at(path), recording)
     return recording

@@ -49,7 +49,7 @@ def pictures_of(cameras: Cameras, wanted: Sequence[str]) -> list[CameraTopic]:
     """
     found = [*cameras.of_kind("colour"), *cameras.of_kind("grey")]
     if not found:
-        raise InputRefused(cameras.path, "holds no colour or grey images to calibrate a camera by")
+        raise cameras.refused("holds no colour or grey images to calibrate a camera by")
     known = [each.topic for each in found]
     for topic in wanted:
         if topic not in known:

@@ -18,7 +18,6 @@ from slamsim.core.layers import MapLayers, ObstacleLayer, SemanticLayer, label_c
 from slamsim.core.result import SlamResult
 from slamsim.core.types import FloatArray, Grid, Log, PlanarTrajectory
 from slamsim.evaluate.obstacles import score_obstacles
-from slamsim.guard.errors import InputRefused
 from slamsim.guard.output import write_atomic
 from slamsim.io.cameras import open_cameras
 from slamsim.perception.calibrated import CalibratedCameras, CameraClock
@@ -81,7 +80,7 @@ def layer_sources(
         with open_cameras(path) as cameras:
             depths = cameras.of_kind("depth")
             if not depths:
-                raise InputRefused(path, "holds no depth images in which obstacles could be seen")
+                raise cameras.refused("holds no depth images in which obstacles could be seen")
             # what is aligned to the pixels of another imager has a part of them alone
             first = min(depths, key=lambda each: ("aligned" in each.topic, -each.messages))
             depth = (

@@ -111,7 +111,7 @@ def _camera(cameras: Cameras, config: RunConfig, intrinsics: str) -> _Camera:
             return _Camera(pair.picture, pair.depth, pair.model, frame)
     if not pictures or not config.slam.landmarks.tags:
         reason = "a map without lidar needs depth registered to pictures, or pictures and --tags"
-        raise InputRefused(cameras.path, reason)
+        raise cameras.refused(reason)
     first = pictures[0]
     model = CameraModel(first.width, first.height, K) if K is not None else None
     return _Camera(first.topic, "", model or cameras.model(first.topic), first.frame_id)

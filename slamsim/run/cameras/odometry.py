@@ -113,9 +113,9 @@ def registered(cameras: Cameras, depth: str = "", K: FloatArray | None = None) -
                 claimed = one.topic if one.topic in cameras.infos else other.topic
                 given = None if K is None else CameraModel(one.width, one.height, K)
                 return Pairing(one.topic, other.topic, given or cameras.model(claimed))
-    raise SlamsimError(
-        f"{cameras.path}: no depth is registered to colour or grey images (the same frame and "
-        "size); depth_image_proc or aligned_depth of the driver makes such images"
+    raise cameras.refused(
+        "no depth is registered to colour or grey images (the same frame and size); "
+        "depth_image_proc or aligned_depth of the driver makes such images"
     )
 
 
