@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from slamsim.bench.cameras.command import flow_error_px
-from slamsim.bench.cameras.tags import TAGS, ate_m, hall, mapped
+from slamsim.bench.cameras.halls import TAGS, ate_m, hall, mapped
+from slamsim.core.landmarks import NO_TAGS
 
 
 def test_flow_is_within_a_hundredth_of_a_pixel_of_homographies() -> None:
@@ -11,7 +12,8 @@ def test_flow_is_within_a_hundredth_of_a_pixel_of_homographies() -> None:
 
 
 def test_tags_hold_a_robot_whose_lidar_sees_nothing() -> None:
-    true, track, odometry = hall(0, 30.0)
-    found = mapped(track, odometry)
-    assert ate_m(found, true) < 0.02
-    assert len(found.tags) == TAGS
+    true, log, tags = hall(0, 60.0)
+    held = mapped(log, tags)
+    assert ate_m(held, true) < 0.02
+    assert len(held.landmarks) == TAGS
+    assert ate_m(mapped(log, NO_TAGS), true) > 10.0 * ate_m(held, true)

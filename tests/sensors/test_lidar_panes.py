@@ -45,7 +45,7 @@ def ranges_before(share: float, config: LidarConfig = ROUND) -> FloatArray:
     mesh = prism(rectangle(-EDGE_M, -3.0, EDGE_M, 3.0))
     site = Site(mesh, 0, start_ns=0, appearance=lambda: OnePane(share))
     lidar = Lidar(config, se3_from_parts(np.eye(3), np.array([0, 0, PLANE_M])), site)
-    return lidar.scan_batch(joined(None, standing(0.2)), np.zeros(1, np.int64))[0][0]
+    return np.asarray(lidar.scan_batch(joined(None, standing(0.2)), np.zeros(1, np.int64))[0][0])
 
 
 def box_range(low_x: float, high_x: float) -> FloatArray:
@@ -57,7 +57,7 @@ def box_range(low_x: float, high_x: float) -> FloatArray:
 
 
 def on_pane() -> NDArray[np.bool_]:
-    return np.abs(ANGLES) < np.arctan2(3.0, EDGE_M) - 1e-6
+    return np.asarray(np.abs(ANGLES) < np.arctan2(3.0, EDGE_M) - 1e-6)
 
 
 def test_a_mirror_shows_the_room_unfolded() -> None:

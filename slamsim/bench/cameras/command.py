@@ -19,7 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from slamsim.bench.cameras.tags import measure_tag_nees, measure_tags
+from slamsim.bench.cameras.halls import measure_tags
+from slamsim.bench.cameras.tags import measure_tag_nees
 from slamsim.cameras.lens import CameraModel, pinhole
 from slamsim.cameras.poses import optical_flow
 from slamsim.config.loading import load_run_config
