@@ -17,8 +17,8 @@ JSON_VERDICTS: dict[Verdict, str] = {
 }
 """What verdicts are called in ``--json``, where names never change."""
 _REPEATED = 0.6
-"""Share of the words of a meaning from which on a sentence repeats it. Chosen by reading five meanings
-beside their sentences: those that repeat share 0.63 and more, the others 0.43 and less."""
+"""Share of the words of a meaning from which on a sentence repeats it. Chosen by reading five
+meanings beside their sentences: those that repeat share 0.63 and more, the others 0.43 and less."""
 
 
 def headline(report: CheckReport) -> str:
