@@ -53,6 +53,7 @@ _WHEELS_TOO_LARGE, _TURNS_TOO_LARGE = 1.015, 1.04
 _SLIP_M, _SLIP_RAD = 0.0005, 0.0005
 """Standard deviation of a step of the odometry."""
 _UPRIGHT = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+"""Axes of a tag (x to its right, y up, z out of it) in a frame whose x points out of the wall."""
 
 
 def measure_tags(config: RunConfig, reporter: Reporter) -> dict[str, object]:
