@@ -180,6 +180,7 @@ def test_a_terminal_that_is_closed_ends_a_command(tmp_path: Path) -> None:
     """And what it started, and what it had begun to write; there is nobody to be told."""
     shell, terminal = pty.fork()
     if shell == 0:
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # the tests may run under nohup
         os.chdir(tmp_path)
         os.execv(sys.executable, [sys.executable, "-c", BEGIN, "parent"])
     wait_for(lambda: list(tmp_path.glob(".run.slamsim-*/new/half")))
