@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from calibration_example import Robot
 from scan_recording import (
     LIDAR,
     healthy,
@@ -22,6 +23,7 @@ from slamsim.check.findings import Finding
 from slamsim.check.motion.inputs import gather_inputs
 from slamsim.check.motion.laser_steps import laser_motions
 from slamsim.check.questions.laser.laser import check_laser
+from slamsim.check.questions.laser.rotation import check_rotation
 from slamsim.check.questions.laser.shape import check_angles
 from slamsim.core.types import FloatArray
 from slamsim.recording import RawImu, RawOdometry, RawScans, Recording, RecordingFormat
@@ -55,6 +57,19 @@ def test_healthy_recording_is_told_so() -> None:
     gain = found["laser.rotation"].estimate
     assert gain is not None and gain.value == pytest.approx(1.0, abs=0.02)
     assert found["laser.rotation"].plots and found["laser.sweep"].plots
+
+
+@pytest.mark.parametrize(("of_another_drive", "verdict"), [(False, "ok"), (True, "inconclusive")])
+def test_turns_that_noise_hides_in_each_step_are_known_from_all(
+    of_another_drive: bool, verdict: str
+) -> None:
+    """As of a fast lidar of few beams: what one step turns too far the next turns back."""
+    inputs = Robot(seconds=240.0).inputs()
+    steps = Robot(seconds=240.0, seed=7).inputs().steps if of_another_drive else inputs.steps
+    noise = np.random.default_rng(3).normal(0.0, 0.03, len(steps) + 1)
+    moved = steps.T_first_second + np.diff(noise)[:, None] * [0.0, 0.0, 1.0]
+    found = check_rotation(replace(inputs, steps=replace(steps, T_first_second=moved)))
+    assert found.verdict == verdict, found.words
 
 
 def test_rays_fixed_to_the_world_are_named() -> None:

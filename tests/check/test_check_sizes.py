@@ -166,6 +166,26 @@ def test_a_drift_is_as_unsure_as_the_offset_wanders() -> None:
     assert 50 <= held < 60
 
 
+def test_a_step_shows_in_pieces_that_tell_two_unknowns_only_together() -> None:
+    """Gain and bias of rates that are the same all through a piece; the bias changes half-way."""
+    rng, rate, noise = np.random.default_rng(2), np.array([0.9, 0.3, 0.5, 0.5, 0.5, 0.4]), 0.01
+    gained, gradients = np.zeros((18, 2, 2)), np.zeros((18, 2))
+    for block in range(18):
+        turning = rate[block // 3] + rng.normal(0.0, 1e-3, 200)
+        left = np.where(block < 9, -0.02, 0.02) + rng.normal(0.0, noise, 200)
+        slopes = np.column_stack([turning, np.ones(200)]) / noise
+        gained[block], gradients[block] = slopes.T @ slopes, -slopes.T @ left / noise
+    pieces = pieces_of(np.arange(18.0), gained, gradients, 1e-6 * np.eye(2), 1.0)
+    assert pieces is not None
+    assert pieces.sigmas[:, 1].min() > 0.1
+    bias = pieces.each_alone(np.array([0.02, np.inf]))
+    assert bias.sigmas[:, 1].max() < 0.02
+    assert (np.abs(bias.moved[:, 1] - np.repeat([-0.02, 0.02], 3)) < 3.0 * bias.sigmas[:, 1]).all()
+    free = pieces.each_alone(np.array([np.inf, np.inf]))
+    np.testing.assert_allclose(free.moved, pieces.moved)
+    np.testing.assert_allclose(free.sigmas, pieces.sigmas)
+
+
 def _late(steps: FloatArray, share: float) -> BoolArray:
     return np.asarray(np.arange(len(steps)) > share * len(steps))
 
@@ -204,6 +224,6 @@ def test_healthy_sizes_do_not_change() -> None:
         pieces = calibration.fit.pieces
         assert pieces is not None
         for quantity in (one for each in changes.QUANTITIES.values() for one in each):
-            steps = changes._steps(pieces, quantity)
+            steps = list(changes._steps(pieces.each_alone(changes._others_change()), quantity))
             assert steps
             assert all(abs(one.size.value) < SURE_SIGMAS * one.size.sigma for one in steps)

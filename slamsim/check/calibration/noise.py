@@ -100,6 +100,24 @@ class Pieces:
         """(k, p)."""
         return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
 
+    def each_alone(self, changes: FloatArray) -> Pieces:
+        """What each piece tells of every unknown if the others change by no more than this.
+
+        changes: (p,) standard deviations of what the others may change by from piece to piece, inf
+        where nothing is known. Short pieces tell some only together: a bias and a gain of a
+        gyroscope while the robot turns at one rate. The covariances are diagonal.
+        """
+        information = np.linalg.inv(self.covariance)
+        gradient = np.einsum("kij,kj->ki", information, self.moved)
+        moved, variances = np.empty_like(self.moved), np.empty_like(self.moved)
+        for place in range(len(changes)):
+            others = 1.0 / np.square(changes)
+            others[place] = 0.0
+            inverse = np.linalg.inv(information + np.diag(others))
+            moved[:, place] = np.einsum("kj,kj->k", inverse[:, place], gradient)
+            variances[:, place] = inverse[:, place, place]
+        return Pieces(self.middle_s, moved, variances[:, :, None] * np.eye(len(changes)))
+
     def widened(
         self, covariance: FloatArray, slopes: tuple[tuple[int, int], ...] = ()
     ) -> FloatArray:

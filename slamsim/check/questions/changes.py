@@ -31,6 +31,12 @@ LEAST_PIECES, UNTOLD_TIMES = 2, 4.0
 is so many times as unsure as the usual one."""
 
 
+OTHERS_CHANGE = 4.0
+"""Times their own limits: by no more do the other sizes of a piece change beside the one that is
+asked for. With none at all the bias of a gyroscope is not known in pieces that turn at one rate;
+with one limit a true step of it is told a fifth too small, for the whole fit's gain is off."""
+
+
 @dataclass(frozen=True, slots=True)
 class Quantity:
     """One of ``UNKNOWNS`` whose change is asked for. limit: in unit, which is factor times its
@@ -125,7 +131,7 @@ def check_changes(calibration: Calibration) -> list[Finding]:
     pieces = calibration.fit.pieces
     if pieces is None or not calibration.scans_count or not calibration.comparable:
         return []
-    findings = []
+    findings, pieces = [], pieces.each_alone(_others_change())
     for question, quantities in QUANTITIES.items():
         asked = [one for one in quantities if calibration.model.free[UNKNOWNS.index(one.unknown)]]
         if asked:
@@ -136,6 +142,15 @@ def check_changes(calibration: Calibration) -> list[Finding]:
 GROUP = QuestionGroup(
     "motion", 185, (LASER, CLOCKS, INERTIAL, WHEELS), of_calibration(check_changes), thorough=True
 )
+
+
+def _others_change() -> FloatArray:
+    """(p,) by how much the unknowns may change, inf of those without a limit."""
+    limits = np.full(len(UNKNOWNS), np.inf)
+    limits[UNKNOWNS.index("gyro_gain")] = LIMITS["gyro"]
+    for one in (one for each in QUANTITIES.values() for one in each):
+        limits[UNKNOWNS.index(one.unknown)] = one.limit / one.factor
+    return OTHERS_CHANGE * limits
 
 
 def _judged(

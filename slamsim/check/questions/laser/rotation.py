@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.check.fault_groups import LIDAR_TIMES, MOUNTING, SIZES, SWEEPS
-from slamsim.check.findings import Curve, Finding, Measurement, Plot, Verdict
+from slamsim.check.findings import SURE_SIGMAS, Curve, Finding, Measurement, Plot, Verdict
 from slamsim.check.motion.alignment import align
 from slamsim.check.motion.inputs import Inputs
 from slamsim.check.motion.laser_steps import LaserSteps
@@ -128,7 +128,10 @@ def _in_radians(gain: Gain) -> Gain:
 
 
 def _near(gain: Gain, whole: float) -> bool:
-    return abs(gain.value - whole) < SAME_GAIN and abs(gain.correlation) > FOLLOWS
+    """Steps that hardly turn, of a fast lidar of few beams, correlate badly for the noise of each:
+    there it is how surely the gain is known that tells whether one follows the other."""
+    follows = abs(gain.correlation) > FOLLOWS or SURE_SIGMAS * gain.sigma < SAME_GAIN
+    return abs(gain.value - whole) < SAME_GAIN and follows
 
 
 def _stands(gain: Gain, steps: LaserSteps) -> bool:

@@ -8,7 +8,15 @@ import numpy as np
 
 from slamsim.check.fault_groups import LIDAR_TIMES, SIZES, SWEEPS
 from slamsim.check.findings import Curve, Finding, Measurement, Plot
-from slamsim.check.question import FaultKind, Question, anywhere, judge, same_subject, unanswered
+from slamsim.check.question import (
+    FaultKind,
+    Question,
+    anywhere,
+    judge,
+    lidar_stamps,
+    same_subject,
+    unanswered,
+)
 from slamsim.check.questions.streams.series import StampSeries, spread_s
 from slamsim.core.types import FloatArray
 from slamsim.recording.repairs.base import Repair
@@ -43,7 +51,8 @@ STAMPS_INVENTED = FaultKind(
     "stamps_invented",
     "stamps of a constant rate that the data contradict",
     (
-        same_subject(*LIDAR_TIMES),
+        same_subject(*LIDAR_TIMES, "time_offset_imu", "time_offset_wheels"),
+        lidar_stamps("time_offset_imu", "time_offset_wheels"),
         anywhere(*SIZES, *SWEEPS, "laser_angle_step", "clock_drift"),
     ),
 )
