@@ -11,7 +11,8 @@ from slamsim.guard.files import own_file
 from slamsim.guard.unpacking import PACKED_TWICE, PACKINGS
 from slamsim.io import LOG, TABLES
 from slamsim.io.formats import Contents, Format, Survey, Truth, formats
-from slamsim.io.input_errors import as_input_errors, damaged
+from slamsim.io.input_errors import as_input_errors
+from slamsim.io.ros.parts import several_recordings
 from slamsim.io.selection import EVERYTHING, Selection, selected
 from slamsim.recording import Recording
 from slamsim.recording.choice import clouds_to_read
@@ -169,13 +170,15 @@ def recording_at(path: Path) -> Path:
             found = each.in_folder(path / name)
             if found is not None:
                 return own_file(path, found.relative_to(path).as_posix())
-    missing = "there is no metadata.yaml in this folder"
-    if any(file.suffix in (".mcap", ".db3") for file in path.iterdir()):
-        raise damaged(path, missing)
-    raise InputRefused(path, f"{missing}; {_about(known)}")
+    files = sorted(file for file in path.iterdir() if any(each.is_file(file) for each in known))
+    if len(files) == 1:
+        return own_file(path, files[0].name)
+    if files:
+        raise several_recordings(path, files)
+    raise InputRefused(path, f"there is no recording in this folder; {_about(known)}")
 
 
 def _about(known: tuple[Format, ...]) -> str:
     files = ", ".join(each.about_files for each in known if each.about_files)
     folders = ", ".join(each.about_folders for each in known if each.about_folders)
-    return f"a log is {files}, or a folder: {folders}"
+    return f"a log is {files}, or a folder with one of these, or {folders}"

@@ -25,6 +25,7 @@ from slamsim.core.types import (
     Trajectory,
     TriangleMesh,
 )
+from slamsim.core.weighing import all_weighed
 from slamsim.evaluate.grid import occupied
 from slamsim.evaluate.obstacles import ObstacleScores
 from slamsim.evaluate.score import Scores
@@ -70,6 +71,11 @@ class RunView:
     def doubts(self) -> tuple[str, ...]:
         """What is wrong with the recording itself, a sentence each."""
         return () if self.checked is None else tuple(map(warning, self.checked.faults))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """All that may be wrong, the gravest first."""
+        return all_weighed(self.result, (*self.doubts, *self.log.warnings))
 
     @property
     def begin_ns(self) -> int:
@@ -162,7 +168,7 @@ def report_json(view: RunView) -> dict[str, object]:
         "calibration": {name: asdict(one) for name, one in result.calibration.items()},
         "relations": view.scores.relation_numbers(),
         "sources": view.log.sources,
-        "warnings": [*view.doubts, *view.log.warnings, *result.warnings],
+        "warnings": list(view.warnings),
         "checks": [] if view.checked is None else [*map(finding_json, view.checked.findings)],
         "command": view.command,
     }

@@ -14,6 +14,7 @@ from slamsim.console.reporter import Reporter
 from slamsim.core.geometry import compose
 from slamsim.core.progress import Progress
 from slamsim.core.types import FloatArray, Grid, Log, PlanarTrajectory, Trajectory
+from slamsim.core.weighing import all_weighed, weighed
 from slamsim.evaluate.score import Scores
 from slamsim.evaluate.trajectory import compare, statistics
 from slamsim.guard.errors import NotFound
@@ -88,10 +89,11 @@ def localise_recording(
             "peak_memory_mb": MEMORY.peak_mb(),
         }
         write_atomic(partial / run_folder.REPORT_JSON, as_json(run_folder.REPORT_JSON, numbers))
-    told = (*log.warnings, *localised.slam.warnings)
+    told = all_weighed(localised.slam, log.warnings)
     failed = tuple(failures)
     mapped = grid is not None and "report" not in {one.stage for one in failed}
-    return Report(numbers, told, verdict=verdict, mapped=mapped, failed=failed)
+    short = weighed(localised.slam, log.warnings)
+    return Report(numbers, told, short, verdict=verdict, mapped=mapped, failed=failed)
 
 
 def read_known_map(path: Path) -> SavedMap:

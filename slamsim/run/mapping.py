@@ -16,6 +16,7 @@ from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
 from slamsim.core.result import SlamResult
 from slamsim.core.types import Grid, Log, Trajectory
+from slamsim.core.weighing import all_weighed, weighed
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.files import own_file
 from slamsim.guard.numbers import as_json
@@ -40,7 +41,7 @@ from slamsim.run.checking import check_stage
 from slamsim.run.continuing import Earlier, clouds_before
 from slamsim.run.naming import log_of, recording_name
 from slamsim.run.recording import record, require_finished
-from slamsim.run.scoring import Estimated, Known, score, verdict, weighed
+from slamsim.run.scoring import Estimated, Known, score, verdict
 from slamsim.run.stages import Report, Stages
 from slamsim.simulation.own_files import CONFIG, WORLD, write_config, write_world
 from slamsim.slam.failures import Failures
@@ -183,10 +184,11 @@ def _map(
         numbers["places_seen_again"] = len(images.again)
     numbers["failed_stages"] = [asdict(one) for one in failed]
     write_atomic(partial / run_folder.REPORT_JSON, as_json(run_folder.REPORT_JSON, numbers))
+    of_recording = (*doubts, *log.warnings)
     return Report(
         numbers,
-        warnings=(*doubts, *log.warnings, *result.warnings),
-        weighed=weighed(result, (*doubts, *log.warnings)),
+        warnings=all_weighed(result, of_recording),
+        weighed=weighed(result, of_recording),
         verdict=str(numbers.get("verdict", "")),
         mapped=complete,
         failed=failed,

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
@@ -22,7 +22,6 @@ from slamsim.evaluate.score import Scores, evaluate
 from slamsim.guard.quantities import as_count, as_lengths, as_number
 from slamsim.io.text.relations import Relations
 from slamsim.run.stages import Stages
-from slamsim.slam.events import BY_WEIGHT, by_weight
 from slamsim.world.model import World
 
 _log = logging.getLogger(__name__)
@@ -138,24 +137,10 @@ _DOUBTFUL: dict[EventKind, str] = {
     "joined": "where little joins its parts",
     "lost": "where scans fitted nowhere",
 }
-_GRAVE = BY_WEIGHT[: BY_WEIGHT.index("open loop") + 1]
 _STILL_M = 0.1
 """A path that is shorter than a pose counts as a step (``report.numbers``) is none."""
 _SIGMAS = float(np.sqrt(chi2.ppf(0.95, 2)))
 """Radius of the circle that holds 95 % of normal positions in the plane."""
-
-
-def weighed(result: SlamResult, of_recording: Sequence[str]) -> tuple[str, ...]:
-    """The warnings, the gravest first: a line for each kind of event.
-
-    of_recording: what is wrong with the recording itself: it stands after events that make a map
-    wrong, and before those that the map has coped with.
-    """
-    stamps_ns = result.trajectory.stamps_ns
-    told = by_weight(result.events, int(stamps_ns[0]) if stamps_ns.size else 0)
-    grave = [words for kind, words in told if kind in _GRAVE]
-    light = [words for kind, words in told if kind not in _GRAVE]
-    return (*map(str, result.failed), *grave, *of_recording, *light)
 
 
 def position_95_m(graph: PoseGraph) -> float | None:

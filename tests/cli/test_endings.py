@@ -21,10 +21,10 @@ from slamsim.cli.main import app
 from slamsim.config.loading import load_run_config, with_drive_seed
 from slamsim.console.reporter import Reporter
 from slamsim.core.result import Event
+from slamsim.core.weighing import BY_WEIGHT, all_weighed, by_weight, weighed
 from slamsim.io.text.tum import read_tum
 from slamsim.run.scoring import position_95_m, verdict
 from slamsim.run.stages import Report
-from slamsim.slam.events import BY_WEIGHT, by_weight
 
 SLOW = ("--set", "sensors.lidar.rate_hz=10")
 SHORT = ("--set", "drive.route.max_path_length_m=5", *SLOW)
@@ -163,3 +163,16 @@ def test_a_drive_that_is_placed_nowhere_is_told_of_the_second_drive(
     words = ["localise", f"{drives}/elsewhere", "--in", f"{drives}/first"]
     done = CliRunner().invoke(app, [*words, "--out", f"{tmp_path}/in", "-q"])
     assert "could be placed" in str(done.exception) and "--drive-seed 1" in str(done.exception)
+
+
+@given(EVENTS)
+def test_all_warnings_stand_in_the_order_of_those_that_weigh_most(events: list[Event]) -> None:
+    """A kind after the other as at the end of ``map``, and nothing is left out."""
+    result = replace(example_run().result, events=tuple(events), warnings=("a note", "2 scans"))
+    told, short = (tell(result, ("a clock is off",)) for tell in (all_weighed, weighed))
+    assert told[-2:] == ("a note", "2 scans") and "a clock is off" in told
+    kinds = [words.split(": ")[-1].split(" (")[0] for words in short]
+    listed = [words.split(": ")[-1] for words in told[:-2] if "more like the last" not in words]
+    assert list(dict.fromkeys(listed)) == kinds
+    more = (int(words.split()[0]) for words in told if "more like the last" in words)
+    assert sum(": " in words for words in told) + sum(more) == len(events)

@@ -65,7 +65,7 @@ def test_wheels_that_contradict_the_gyroscope_are_told_without_any_match() -> No
         for n in range(40)
     ]
     (event,) = watch.events()
-    assert event.words == "wheels and the gyroscope differ by 29 degrees"
+    assert event.words == "turns by the wheels and by the gyroscope differ by 29 degrees"
     assert doubts[15][0] == OPENED_M**2 and doubts[15][2] == 0.0
     assert not np.any(doubts[-1])
 

@@ -45,7 +45,8 @@ class SqliteIndex:
     """What is in a file. topics: by number. definitions: (type, as what it is written, text).
 
     hashes: of types, where the file has them. packed: whether each message is compressed.
-    is_sampled: only the first and the last messages of each topic are read.
+    is_sampled: only the first and the last messages of each topic are read. span_ns: when the first
+    and the last message was received, None of a file without messages.
     """
 
     path: Path
@@ -53,6 +54,7 @@ class SqliteIndex:
     definitions: tuple[tuple[str, str, str], ...]
     hashes: dict[str, str]
     packed: bool
+    span_ns: tuple[int, int] | None
     is_sampled: bool = False
 
 
@@ -70,7 +72,7 @@ def index_sqlite(path: Path, packed: bool, *, is_sampled: bool = False) -> Sqlit
             else:
                 _require_sound(db)
             told = _topics(db), _definitions(db), _hashes(db)
-            return SqliteIndex(path, *told, packed, is_sampled)
+            return SqliteIndex(path, *told, packed, _span_ns(db), is_sampled)
     except (sqlite3.Error, ValueError) as error:
         raise damaged(path, f"damaged, or no recording ({error})", error=error) from error
 
@@ -154,6 +156,15 @@ def _topics(db: sqlite3.Connection) -> dict[int, SqliteTopic]:
     if counts:
         raise ValueError(f"{sum(counts.values()):,} messages belong to no topic")
     return topics
+
+
+def _span_ns(db: sqlite3.Connection) -> tuple[int, int] | None:
+    found = db.execute("SELECT min(timestamp), max(timestamp) FROM messages").fetchone()
+    if None in found:
+        return None
+    if not all(isinstance(each, int) for each in found):
+        raise ValueError("rows of messages hold values of another type")
+    return found[0], found[1]
 
 
 def _text(value: object) -> str:

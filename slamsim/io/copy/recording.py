@@ -9,8 +9,8 @@ from slamsim.guard.errors import SlamsimError
 from slamsim.io.bag2.writer import write_recording
 from slamsim.io.copy.rewrite import Copied, rewrite_recording
 from slamsim.io.formats.parquet import PARQUET
-from slamsim.io.formats.ros import ROS1, ROS2
-from slamsim.io.open import format_of, recording_at
+from slamsim.io.formats.ros import is_ros
+from slamsim.io.open import recording_at
 from slamsim.recording import Recording
 
 _TABLES = re.compile(r"(scans|imu|encoders|joints|odometry|transforms)(_\d+)?\.parquet")
@@ -47,7 +47,7 @@ def copy_recording(path: Path, read: Recording, edited: Recording, folder: Path)
     become one without what ``lost_in_copy`` names. Raises as ``rewrite_recording`` does.
     """
     path = recording_at(path)
-    if format_of(path) in (ROS1, ROS2):
+    if is_ros(path):
         return rewrite_recording(path, read, edited, folder)
     attached = [path] if path.is_file() else []
     write_recording(edited, folder, attached)

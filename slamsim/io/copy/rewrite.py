@@ -183,7 +183,7 @@ def _copy_of(bag: Bag, folder: Path) -> Copy:
     if isinstance(bag.source, Bag1Source):
         return Bag1Copy(folder, f"{recorded_name(bag.path)}.bag")
     profile = bag.source.profile if isinstance(bag.source, McapSource) else "ros2"
-    if not bag.path.is_dir():
+    if not (bag.path / METADATA).is_file():
         return Bag2Copy(folder, profile, bag.metadata.get(METADATA_RECORD, {}))
     document: Any = load_yaml(bag.path / METADATA).data  # as ``open_bag`` found it
     told = document["rosbag2_bagfile_information"]

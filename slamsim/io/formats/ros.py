@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 from slamsim.io.formats import Contents, Format, Survey, Truth, register
+from slamsim.io.ros.parts import METADATA, part_files
 from slamsim.recording import Recording
 from slamsim.recording.clouds import CloudsWanted
 
@@ -30,16 +32,17 @@ def _sliced(path: Path, recording: Recording, wanted: CloudsWanted) -> Recording
 
 def is_ros(path: Path) -> bool:
     """Whether a path is a recording of ROS 1 or 2."""
-    return ROS2.is_at(path) or ROS1.is_at(path)
+    return any(each.is_at(path) for each in (ROS2, ROS1, PARTS))
 
 
 def _rosbag2(folder: Path) -> Path | None:
-    return folder if (folder / "metadata.yaml").is_file() else None
+    return folder if (folder / METADATA).is_file() else None
 
 
-def _only_bag(folder: Path) -> Path | None:
-    bags = [file for file in folder.iterdir() if file.suffix == ".bag"] if folder.is_dir() else []
-    return bags[0] if len(bags) == 1 else None
+def _parts(folder: Path) -> Path | None:
+    """Several files of ROS 2 without metadata.yaml; whether they are one is seen when opened."""
+    is_one = folder.is_dir() and _rosbag2(folder) is None and len(part_files(folder)) > 1
+    return folder if is_one else None
 
 
 def _checksums(path: Path) -> str:
@@ -82,12 +85,20 @@ ROS1 = Format(
     suffixes=(".bag",),
     is_packable=True,
     about_files=".bag (also packed)",
-    about_folders="one ROS 1 bag",
-    in_folder=_only_bag,
     has_truth=True,
     checksums=_checksums,
     sampled=_survey,
     sliced=_sliced,
 )
+PARTS = replace(
+    ROS2,
+    name="parts of ros 2",
+    rank=4,
+    suffixes=(),
+    about_files="",
+    about_folders="the numbered .mcap or .db3 files of one",
+    in_folder=_parts,
+)
 register(ROS2)
 register(ROS1)
+register(PARTS)

@@ -39,7 +39,8 @@ class McapIndex:
 
     profile: as the header has it. counts: messages per channel id. places: byte and length of
     every record that holds messages, a chunk or a lone message; attachments: of those.
-    unchecked: how many of each part carry no checksum.
+    unchecked: how many of each part carry no checksum. span_ns: when the first and the last message
+    was received, as the file says; None if it does not.
     """
 
     path: Path
@@ -51,6 +52,7 @@ class McapIndex:
     places: list[tuple[int, int]] = field(default_factory=list)
     attachments: list[tuple[int, int]] = field(default_factory=list)
     announced: int | None = None
+    span_ns: tuple[int, int] | None = None
     unchecked: Counter[str] = field(default_factory=Counter)
 
 
@@ -116,6 +118,12 @@ def mcap_attachments(index: McapIndex) -> Iterator[records.Attachment]:
             stored = int.from_bytes(data[-4:], "little")
             _require_crc(stored, zlib.crc32(data[:-4]), "an attachment")
             yield records.Attachment.read(data_stream(data))
+
+
+def span_of(statistics: records.Statistics) -> tuple[int, int] | None:
+    """When the first and the last message was received; None of a file without messages."""
+    span = statistics.message_start_time, statistics.message_end_time
+    return span if statistics.message_count else None
 
 
 def _next_record(file: BinaryIO, size: int, index: McapIndex, crc: int) -> tuple[int, bool]:
@@ -194,7 +202,8 @@ def _take(opcode: int, data: bytes, index: McapIndex) -> None:
     elif opcode == Opcode.HEADER:
         index.profile = records.Header.read(data_stream(data)).profile
     elif opcode == Opcode.STATISTICS:
-        index.announced = records.Statistics.read(data_stream(data)).message_count
+        statistics = records.Statistics.read(data_stream(data))
+        index.announced, index.span_ns = statistics.message_count, span_of(statistics)
 
 
 def _count(content: bytes, start: int, end: int, index: McapIndex) -> None:

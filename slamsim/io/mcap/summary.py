@@ -17,7 +17,14 @@ from mcap.opcode import Opcode
 from slamsim.guard.files import open_input, require_magic
 from slamsim.guard.limits import LIMITS
 from slamsim.io.mcap.framing import MAGIC, record_bytes
-from slamsim.io.mcap.reader import RECORD_HEAD, McapIndex, data_stream, index_mcap, records_in
+from slamsim.io.mcap.reader import (
+    RECORD_HEAD,
+    McapIndex,
+    data_stream,
+    index_mcap,
+    records_in,
+    span_of,
+)
 
 Declaration = records.Schema | records.Channel
 
@@ -30,13 +37,14 @@ _Record = TypeVar("_Record", bound=records.McapRecord)
 class Summary:
     """What the end of a file says of the whole of it. messages: per channel, None if unknown.
 
-    metadata: byte and length of each such record.
+    metadata: byte and length of each such record. span_ns: as ``McapIndex`` has it.
     """
 
     declarations: list[Declaration] = field(default_factory=list)
     messages: dict[int, int] | None = None
     chunks: list[records.ChunkIndex] = field(default_factory=list)
     metadata: list[tuple[int, int]] = field(default_factory=list)
+    span_ns: tuple[int, int] | None = None
 
 
 def summary_of(file: BinaryIO, size: int) -> Summary:
@@ -57,6 +65,7 @@ def summary_of(file: BinaryIO, size: int) -> Summary:
             elif opcode == Opcode.STATISTICS:
                 statistics = records.Statistics.read(data_stream(data[begin:end]))
                 summary.messages = statistics.channel_message_counts
+                summary.span_ns = span_of(statistics)
             elif opcode == Opcode.CHUNK_INDEX:
                 summary.chunks.append(records.ChunkIndex.read(data_stream(data[begin:end])))
             elif opcode == Opcode.METADATA_INDEX:
@@ -113,7 +122,7 @@ def sampled_mcap(path: Path) -> McapIndex:
 def _index(
     path: Path, file: BinaryIO, summary: Summary, places: list[tuple[int, int]]
 ) -> McapIndex:
-    index = McapIndex(path, places=places)
+    index = McapIndex(path, places=places, span_ns=summary.span_ns)
     for each in summary.declarations:
         if isinstance(each, records.Channel):
             index.channels[each.id] = each

@@ -1,7 +1,8 @@
 """Opens ROS 1 and ROS 2 recordings, checked before they are read.
 
-A ROS 2 recording is a folder with metadata.yaml, a single .mcap or a single .db3; a ROS 1
-recording is a .bag. Topics are found by their type, never by their name.
+A ROS 2 recording is a folder with metadata.yaml, the numbered parts of one without it, a single
+.mcap or a single .db3; a ROS 1 recording is a .bag. Topics are found by their type, never by their
+name.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from slamsim.io.bag2.sqlite import index_sqlite
 from slamsim.io.input_errors import as_input_errors, damaged
 from slamsim.io.mcap.reader import McapIndex, index_mcap
 from slamsim.io.mcap.summary import sampled_mcap
+from slamsim.io.ros.parts import METADATA, numbered_parts, require_one_recording
 from slamsim.io.ros.sources import (
     Bag1Source,
     Channel,
@@ -31,8 +33,6 @@ from slamsim.io.ros.sources import (
     SqliteSource,
 )
 from slamsim.recording.row_store import large_files_folder
-
-_METADATA = "metadata.yaml"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,19 +143,24 @@ def _checked_bag(
     if kinds == {".mcap"}:
         if compressed:
             raise InputRefused(path, "messages compressed one by one in an MCAP are not read")
-        bag = _mcap_bag(path, [sampled_mcap(f) if is_sampled else index_mcap(f) for f in files])
+        found = [sampled_mcap(file) if is_sampled else index_mcap(file) for file in files]
+        spans_ns = [index.span_ns for index in found]
+        bag = _mcap_bag(path, found)
     elif kinds == {".db3"}:
         indexes = [index_sqlite(file, compressed, is_sampled=is_sampled) for file in files]
+        spans_ns = [each.span_ns for each in indexes]
         bag = _bag(path, SqliteSource(indexes))
     elif kinds == {".bag"} and len(files) == 1:
         index = sampled_bag1(files[0]) if is_sampled else index_bag1(files[0])
-        bag = _bag(path, Bag1Source(index))
+        bag, spans_ns = _bag(path, Bag1Source(index)), [None]
     else:
         names = ", ".join(file.name for file in files) or "no file"
         raise InputRefused(path, f"{names}: .mcap or .db3 files belong into a recording")
-    found = sum(channel.messages for channel in bag.channels)
-    if announced not in (None, found):
-        raise damaged(path, f"{_METADATA} announces {announced:,} messages, there are {found:,}")
+    if announced is None:
+        require_one_recording(path, files, spans_ns)
+    total = sum(channel.messages for channel in bag.channels)
+    if announced not in (None, total):
+        raise damaged(path, f"{METADATA} announces {announced:,} messages, there are {total:,}")
     return bag
 
 
@@ -177,9 +182,12 @@ def _bag(path: Path, source: MessageSource) -> Bag:
     return Bag(path, source, channels)
 
 
-def _files(folder: Path) -> tuple[list[Path], int, bool]:
-    """(files, number of messages announced, whether each is compressed) by metadata.yaml."""
-    metadata = own_file(folder, _METADATA)
+def _files(folder: Path) -> tuple[list[Path], int | None, bool]:
+    """(files, number of messages announced, whether each is compressed) by metadata.yaml; without
+    one by the names of the files."""
+    metadata = own_file(folder, METADATA)
+    if not metadata.exists():
+        return numbered_parts(folder), None, False
     document = load_yaml(metadata).data
     with as_input_errors(metadata, "rosbag2_bagfile_information"):
         if not isinstance(document, dict):

@@ -3,7 +3,6 @@ chunks."""
 
 from __future__ import annotations
 
-import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from slamsim.guard.staging import NEW
 from slamsim.guard.unpacking import PACKINGS
 from slamsim.io import LOG, TABLES
 from slamsim.io.formats.carmen import CARMEN
+from slamsim.io.ros.parts import natural_order
 from slamsim.io.salvage.report import PATIENCE
 
 Kind = Literal["ROS 2", "ROS 1", "CARMEN", "Parquet"]
@@ -66,7 +66,7 @@ def damaged_recording(path: Path) -> Damaged:
         for kind in _IN_FOLDERS:
             files = [file for file in _files(folder) if _SUFFIXES.get(_suffix(file)) == kind]
             if files:
-                return Damaged(folder, kind, tuple(sorted(files, key=_natural)))
+                return Damaged(folder, kind, tuple(sorted(files, key=natural_order)))
     raise InputRefused(path, "there is no .mcap, .db3 or .parquet file in this folder")
 
 
@@ -104,12 +104,6 @@ def is_sqlite(path: Path) -> bool:
         return path.suffix.lower() == ".db3"
     with open_as_found(path) as file:
         return file.read(6) == b"SQLite"
-
-
-def _natural(path: Path) -> list[int | str]:
-    """``log_10`` after ``log_9``."""
-    parts = re.split(r"(\d+)", path.name)
-    return [int(part) if number % 2 else part for number, part in enumerate(parts)]
 
 
 @dataclass(frozen=True, slots=True)

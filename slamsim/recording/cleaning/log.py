@@ -110,7 +110,8 @@ class _Cleaning:
         moved, self.warnings = self.warnings, moved
         limit, told = survey.limit(times, odometry)
         odd = survey.warnings(times, has_beam_times=recording.format != "carmen")
-        self.warnings += [f"{raw.topic}: {words}" for words in (*odd, *told)] + moved
+        self.warnings += [f"{raw.topic}: {words}" for words in odd] + moved
+        taken_for = [f"{raw.topic}: {words}" for words in told]
         encoders, imu = self._encoders(), self._imu()
         if odometry is not None:
             self._require_overlap(odometry, times.stamps_ns, encoders is not None)
@@ -127,7 +128,7 @@ class _Cleaning:
             T_base_laser=T_base_laser,
             T_base_imu=None if imu is None else imu_mounting_of(tree, base_frame, imu, warnings),
             sources=in_words(choices(recording)),
-            warnings=tuple(warnings),
+            warnings=(*warnings, *taken_for),
             recorded_scans=len(raw),
         )
 

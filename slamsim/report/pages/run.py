@@ -39,7 +39,7 @@ def report_html(view: RunView) -> str:
     """The whole page; everything that comes from files is escaped."""
     parts = [
         cards(_verdict(view)),
-        warnings([*view.doubts, *view.log.warnings, *view.result.warnings]),
+        warnings(view.warnings),
         section("Map", _maps(view)),
         section("Precision", _precision(view)),
         section("Over time", _pair(view, plots(view, CURVE_POINTS))),

@@ -76,7 +76,7 @@ class LaserCalibration:
             log,
             scans=source,
             T_base_laser=_moved(log.T_base_laser, self.declared[MOUNT], used[MOUNT]),
-            warnings=(*log.warnings, *self._warnings()),
+            warnings=(*self._warnings(), *log.warnings),
         )
 
     def calibrated(self) -> dict[str, Calibrated]:

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 from slamsim.core.result import Event, PoseGraph, SlamResult
 from slamsim.core.types import Log, OutsideTimeRange, PlanarTrajectory
+from slamsim.core.weighing import in_words
 from slamsim.slam.backend.correction import correct_pieces
 from slamsim.slam.backend.own_part import poses_since, since
 from slamsim.slam.backend.smoothing import Smoothed
 from slamsim.slam.backend.surface_information import MapInformation, smoothed_information
-from slamsim.slam.events import in_words
 from slamsim.slam.failures import Failures
 from slamsim.slam.frontend.odometry import FrontEnd
 from slamsim.slam.frontend.track import Track
