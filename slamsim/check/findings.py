@@ -64,7 +64,8 @@ class Curve:
 @dataclass(frozen=True, slots=True, eq=False)
 class Plot:
     """Evidence to look at: curves over labelled axes (with units), horizontal limits, and spans
-    (from, to) of x that are shaded."""
+    (from, to) of x that are shaded. row_names: of y = 0, 1, ..., drawn from the top down, where y
+    is no number."""
 
     title: str
     x_label: str
@@ -72,6 +73,7 @@ class Plot:
     curves: tuple[Curve, ...]
     limits: tuple[float, ...] = ()
     spans: tuple[tuple[float, float], ...] = ()
+    row_names: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Mapping
 from typing import cast
 
-from slamsim.guard.quantities import as_interval, as_lengths, as_number, as_size, as_time
+from slamsim.core.calibrated import calibrated_short
+from slamsim.guard.quantities import as_lengths, as_number, as_size, as_time
 
 Numbers = Mapping[str, object]
 
@@ -71,6 +71,7 @@ _UNITS: dict[str, Callable[[float], str]] = {
     "_ms_per_scan": _in(" ms per scan"),
     "_deg_per_m": _in("°/m"),
     "_rad_per_m": _in(" rad/m"),
+    "_rad_m": _in(" rad/m"),
     "_per_s": _in(" per second"),
     "_rad_s2": _in(" rad/s²"),
     "_m_s2": _in(" m/s²"),
@@ -114,8 +115,8 @@ def _localised(report: Numbers) -> str | None:
     spans = report.get("spans")
     if not isinstance(spans, list):
         return None
-    told = [f"{report['scans_placed']} of {report['scans']} scans placed in the map"]
-    for state, words in (("odometry", "by odometry"), ("unknown", "place unknown")):
+    told = [f"{report['scans_placed']:,} of {report['scans']:,} scans placed in the map"]
+    for state, words in (("odometry", "by odometry"), ("unknown", "at an unknown place")):
         of_state = [span for span in spans if span["state"] == state]
         longest = sorted(of_state, key=lambda span: span["from_s"] - span["to_s"])[:SPANS_TOLD]
         times = [
@@ -125,7 +126,7 @@ def _localised(report: Numbers) -> str | None:
         rest = len(of_state) - len(longest)
         times += [f"{rest} shorter ones"] if rest else []
         told.append(
-            f"{report[f'scans_{state}']} {words}" + (f" ({', '.join(times)})" if times else "")
+            f"{report[f'scans_{state}']:,} {words}" + (f" ({', '.join(times)})" if times else "")
         )
     return "; ".join(told)
 
@@ -192,18 +193,17 @@ def _calibration(report: Numbers) -> str | None:
     found = report.get("calibration")
     if not isinstance(found, Mapping):
         return None
-    told = []
-    for name, one in found.items():
-        label, unit, factor, offset = _CALIBRATED[name]
-        if one["observed"]:
-            value, sigma = factor * (one["value"] - offset), factor * one["sigma"]
-            told.append(f"{label} {as_interval(value, sigma)} {unit}")
+    told = [
+        calibrated_short(name, one["value"], one["sigma"])
+        for name, one in found.items()
+        if one["observed"]
+    ]
     return ", ".join(told) or None
 
 
 def _closures(report: Numbers) -> str | None:
     accepted, rejected = report.get("loop_closures"), report.get("loop_closures_rejected")
-    return None if accepted is None else f"{accepted} accepted, {rejected} rejected"
+    return None if accepted is None else f"{accepted:,} accepted, {rejected:,} rejected"
 
 
 def _speed(report: Numbers) -> str | None:
@@ -220,24 +220,6 @@ def _memory(report: Numbers) -> str | None:
     memory_mb = _number(report, "peak_memory_mb")
     return None if memory_mb is None else f"{memory_mb:.0f} MB at most"
 
-
-_CALIBRATED = {
-    "wheel_radius_left_m": ("radius left", "mm", 1e3, 0.0),
-    "wheel_radius_right_m": ("right", "mm", 1e3, 0.0),
-    "track_m": ("track", "mm", 1e3, 0.0),
-    "path_scale": ("path", "%", 1e2, 1.0),
-    "turn_scale": ("turn", "%", 1e2, 1.0),
-    "curvature_rad_per_m": ("curvature", "°/m", math.degrees(1.0), 0.0),
-    "gyro_bias_rad_s": ("gyro bias", "mrad/s", 1e3, 0.0),
-    "gyro_scale": ("gyro scale", "%", 1e2, 1.0),
-    "laser_angle_scale": ("angle step", "%", 1e2, 1.0),
-    "laser_range_offset_m": ("ranges", "mm", 1e3, 0.0),
-    "laser_sweep_s": ("sweep", "ms", 1e3, 0.0),
-    "laser_x_m": ("laser x", "mm", 1e3, 0.0),
-    "laser_y_m": ("y", "mm", 1e3, 0.0),
-    "laser_yaw_rad": ("yaw", "°", math.degrees(1.0), 0.0),
-}
-"""Of each number: its short name, unit, unit's factor and what is taken off before."""
 
 _LINES: dict[str, Callable[[Numbers], str | None]] = {
     "driven": _driven,

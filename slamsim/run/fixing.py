@@ -12,6 +12,7 @@ from slamsim.check.repairing import Restored, TakenBack, restored
 from slamsim.check.wording import as_json
 from slamsim.config.faults import FaultChoice
 from slamsim.console.reporter import Reporter
+from slamsim.console.summary import labelled
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.output import partial_folder
 from slamsim.io.cameras.survey import with_cameras
@@ -96,10 +97,8 @@ def _taken_back(one: TakenBack) -> str:
 
 def _show(reporter: Reporter, fixed: Restored) -> None:
     for repair in fixed.applied:
-        numbers = ", ".join(
-            f"{name} {value:.6g}" if isinstance(value, float) else f"{name} {value}"
-            for name, value in repair.parameters.items()
-        )
+        told = labelled(dict(repair.parameters))
+        numbers = ", ".join(f"{name} {value}" for name, value in told.items())
         reporter.say(
             f"Applied {repair.operation} to {repair.subject}{': ' if numbers else ''}{numbers}"
         )

@@ -84,8 +84,10 @@ def test_an_output_that_is_there_names_the_option_that_replaces_it(tmp_path: Pat
 def test_a_command_that_helps_can_be_pasted_though_the_path_has_spaces(tmp_path: Path) -> None:
     folder = tmp_path / "my drive"
     folder.mkdir()
-    (folder / "a.mcap").write_bytes(b"")
-    assert f"`slamsim recover '{folder}'` gets back what is whole" in said("map", str(folder))
+    (folder / "a.mcap").write_bytes(b"\x89MCAP0\r\n")
+    assert f"`slamsim recover '{folder / 'a.mcap'}'` gets back what is whole" in said(
+        "map", str(folder)
+    )
 
 
 def test_a_screenshot_without_a_vulkan_driver_names_the_package(tmp_path: Path) -> None:
@@ -156,3 +158,4 @@ def test_an_interval_has_as_many_digits_as_it_is_sure_of() -> None:
     assert as_interval(35.1842, 0.0083) == "35.18 ± 0.0083"
     assert as_interval(-0.003, 0.013) == "-0.003 ± 0.013"
     assert as_interval(0.7941, 0.77) == "0.79 ± 0.77"
+    assert as_interval(3.1779, 0.0996) == "3.18 ± 0.1"

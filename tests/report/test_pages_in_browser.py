@@ -13,6 +13,7 @@ from chromium import LAYOUT, browser, needs_chromium
 from view_example import example_run
 
 from slamsim.check.findings import CheckReport, Curve, Finding, Measurement, Plot
+from slamsim.recording.frame_graph import FramePlace
 from slamsim.report.pages.check import write_check_page
 from slamsim.report.pages.run import write_report
 
@@ -40,12 +41,22 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     write_report(folder / "run.html", example_run())
     x = np.linspace(0.0, 10.0, 50)
     plot = Plot("a plot", "time, s", "offset, ms", (Curve("seen", x, np.sin(x)),), limits=(0.5,))
+    names = ("delay of the gyroscope", "curvature of the path")
+    reached = (Curve("reached", np.array([0.2, 1.4]), np.arange(2.0)),)
+    named = Plot("how sharp", "over that wanted", "", reached, row_names=names)
     size = Measurement(4.0, 0.01, "deg")
     finding = Finding(
         "laser.yaw", "/a_long_name_of_a_topic/scan", "fault", "it looks to the left", estimate=size,
-        fault="laser_yaw", advice="Turn its transform.", limit=0.3, plots=(plot,),
+        fault="laser_yaw", advice="Turn its transform.", limit=0.3, plots=(plot, named),
     )  # fmt: skip
-    write_check_page(folder / "check.html", CheckReport("recording", (finding,), {"all": 1.0}))
+    frames = tuple(
+        FramePlace(
+            f"frame_{depth}", f"frame_{depth - 1}" if depth else "", depth, about, depth != 1
+        )
+        for depth, about in enumerate(("", "moves, /tf", "fixed, x -0.06 m, z 0.122 m", "fixed"))
+    )
+    report = CheckReport("recording", (finding,), {"all": 1.0}, frames=frames)
+    write_check_page(folder / "check.html", report)
     return {name: folder / f"{name}.html" for name in ("run", "check")}
 
 

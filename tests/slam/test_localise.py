@@ -140,8 +140,8 @@ def test_new_ground_is_followed_by_odometry_and_said_to_be() -> None:
     assert numbers["scans"] == sum(numbers[f"scans_{state}"] for state in STATES)  # type: ignore[misc]
     placed, followed = (int(np.sum(found.states == state)) for state in (PLACED, FOLLOWED))
     line = summary(numbers)["localised"]
-    assert f"{placed} of {len(x_m)} scans placed" in line
-    assert f"{followed} by odometry (" in line and "0 place unknown" in line
+    assert f"{placed:,} of {len(x_m):,} scans placed" in line
+    assert f"{followed} by odometry (" in line and "0 at an unknown place" in line
 
 
 def test_where_two_places_are_equal_the_place_is_unknown() -> None:

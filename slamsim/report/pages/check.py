@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from html import escape
 from itertools import cycle
 from pathlib import Path
+from textwrap import fill
 
 import numpy as np
 from markupsafe import Markup
@@ -25,6 +26,8 @@ from slamsim.report.pages.html import Card, Table, cards, figure, gauge, page, p
 
 _COLOURS = (ESTIMATE, ODOMETRY, TRUTH, SCAN)
 _CURVE_POINTS = 1500
+_LABEL_LETTERS = 22
+"""Of a line beside an upright axis, which is no longer than that."""
 _MOST_FRAMES = 60
 """Of a tree with more, `slamsim info --out` draws the picture."""
 _FOOTER = "Made by slamsim check. Every number, under stable keys, comes with --json."
@@ -42,7 +45,7 @@ def check_page(report: CheckReport) -> str:
         section("Faults", "".join(map(wrong, report.faults))),
         section("Inconclusive", _listed(report, "inconclusive")),
         section("Passed", _listed(report, "ok")),
-        section("Evidence", _tree(report) + _evidence(report)),
+        section("Evidence", _evidence(report)),
     ]
     return page(report.name, headline(report), "".join(parts), _FOOTER)
 
@@ -86,7 +89,9 @@ def _gauge(finding: Finding) -> str:
 
 
 def _evidence(report: CheckReport) -> str:
-    return "".join(_plots(finding) for finding in report.findings if finding.verdict != "fault")
+    plain = [one for one in report.findings if one.verdict != "fault"]
+    drawn = [_tree(report), *(picture for finding in plain for picture in _pictures(finding))]
+    return pair([one for one in drawn if one])
 
 
 def _tree(report: CheckReport) -> str:
@@ -98,16 +103,22 @@ def _tree(report: CheckReport) -> str:
     if any(frame.name in named for frame in report.frames):
         legend.append(("named by a fault", WITHDRAWN))
     with rc_context(STYLE):
-        drawn = svg(frames_figure(report.frames, PAGE_INK, named), "frames")
-    return figure(Picture(drawn, tuple(legend)), "Transform tree", wide=True)
+        drawn = svg(frames_figure(report.frames, PAGE_INK, named, CHART_IN), "frames")
+    return figure(Picture(drawn, tuple(legend)), "Transform tree")
 
 
 def _plots(finding: Finding) -> str:
-    pictures = [
-        figure(plot_picture(plot, f"{finding.check}-{finding.subject}-{number}"), plot.title)
+    return pair(_pictures(finding))
+
+
+def _pictures(finding: Finding) -> list[str]:
+    return [
+        figure(
+            plot_picture(plot, f"{finding.check}-{finding.subject}-{number}"),
+            plot.title[:1].upper() + plot.title[1:],
+        )
         for number, plot in enumerate(finding.plots)
     ]
-    return pair(pictures)
 
 
 def plot_picture(plot: Plot, key: str) -> Picture:
@@ -121,7 +132,8 @@ def plot_picture(plot: Plot, key: str) -> Picture:
             if curve.style == "line":
                 axes.plot(x, y, color=colour, linewidth=0.9)
             else:
-                axes.plot(x, y, ".", color=colour, markersize=2.5, alpha=0.6)
+                size, alpha = (6.0, 1.0) if plot.row_names else (2.5, 0.6)
+                axes.plot(x, y, ".", color=colour, markersize=size, alpha=alpha)
             legend.append((curve.label, colour))
         for begin, end in plot.spans:
             axes.axvspan(begin, end, color=NEUTRAL, alpha=0.3, linewidth=0.0)
@@ -130,9 +142,14 @@ def plot_picture(plot: Plot, key: str) -> Picture:
         if plot.limits:
             legend.append(("limit", WITHDRAWN))
         axes.grid(color=NEUTRAL, alpha=0.25, linewidth=0.5)
-        axes.margins(x=0.0)
+        if plot.row_names:
+            axes.set_yticks(range(len(plot.row_names)), plot.row_names)
+            axes.set_ylim(len(plot.row_names) - 0.5, -0.5)
+            axes.set_xlim(left=0.0)
+        else:
+            axes.margins(x=0.0)
         axes.set_xlabel(plot.x_label)
-        axes.set_ylabel(plot.y_label)
+        axes.set_ylabel(fill(plot.y_label, _LABEL_LETTERS))
         return Picture(svg(drawn, "".join(c if c.isalnum() else "-" for c in key)), tuple(legend))
 
 

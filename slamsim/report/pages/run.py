@@ -5,8 +5,10 @@ from __future__ import annotations
 from html import escape
 from pathlib import Path
 
+from slamsim.core.calibrated import calibrated_interval, calibrated_name
 from slamsim.evaluate.relations import RelationScores, RelationStatistics
 from slamsim.guard.output import write_atomic
+from slamsim.guard.quantities import as_time
 from slamsim.report.figures.on_map import held_figure, obstacle_figure, semantic_figure
 from slamsim.report.figures.run import curve_figure, map_figure, truth_figure
 from slamsim.report.pages.check import verdicts
@@ -57,7 +59,7 @@ def headline(view: RunView) -> str:
     """The run in one sentence."""
     numbers = report_json(view)
     sentence = (
-        f"{numbers['path_length_m']:.0f} m driven in {view.duration_s:.0f} s, "
+        f"{numbers['path_length_m']:.0f} m driven in {as_time(view.duration_s)}, "
         f"{len(view.result.trajectory):,} scans mapped"
     )
     speed = realtime_factors(view)["slam"]
@@ -201,11 +203,18 @@ def _relation_rows(name: str, scores: RelationScores) -> list[tuple[str, ...]]:
 
 def _calibration_table(view: RunView) -> str:
     rows = [
-        (name, f"{one.value:.6g}", f"{one.sigma:.2g}", "yes" if one.observed else "no")
+        (
+            calibrated_name(name),
+            calibrated_interval(name, one.value, one.sigma),
+            "drive" if one.observed else "prior",
+        )
         for name, one in view.result.calibration.items()
     ]
-    note = "Wheels, gyroscope and laser as the drive shows them; what it did not tell is assumed."
-    header = ("", "value", "standard deviation", "observed")
+    note = (
+        "Wheels, gyroscope and laser, with standard deviations: as the drive shows them, or "
+        "as they were assumed to be."
+    )
+    header = ("", "value", "told by")
     return table(Table(header, rows), note) if rows else ""
 
 

@@ -159,7 +159,9 @@ def _told(slip: _Open) -> tuple[Event, ...]:
         way = "farther" if slip.wheels[0] < 0.0 else "less far"
         words.append(f"the wheels rolled {moved_m:.2f} m {way} than the robot moved")
     if turned_rad >= TOLD_RAD:
-        words.append(f"turns by the wheels and by {by} differ by {np.rad2deg(turned_rad):.0f} degrees")
+        words.append(
+            f"turns by the wheels and by {by} differ by {np.rad2deg(turned_rad):.0f} degrees"
+        )
     if not words:
         return ()
     return (Event(slip.start_ns, slip.end_ns, "slip", " and ".join(words)),)

@@ -78,13 +78,13 @@ def check_excitation(calibration: Calibration) -> list[Finding]:
     if short:
         told = [f"{one.name} ({share:.1f} times too unsure: {one.motion})" for one, share in short]
         words = f"the motion tells too little of {'; '.join(told)}"
-    names = ", ".join(one.name for one in needs)
+    rows = np.arange(len(needs), dtype=np.float64)
     plot = Plot(
-        "standard deviation reached over that wanted",
-        f"unknown: {names}",
-        "ratio",
-        (Curve("reached", np.arange(len(needs), dtype=np.float64), reached),),
-        (1.0,),
+        "How sharply the motion tells each unknown",
+        "standard deviation over that wanted",
+        "",
+        (Curve("reached", reached, rows), Curve("wanted", np.ones(2), rows[[0, -1]], "line")),
+        row_names=tuple(one.name for one in needs),
     )
     verdict: Verdict = "inconclusive" if short else "ok"
     return [judge(EXCITATION, "motion", words, verdict=verdict, plots=(plot,))]

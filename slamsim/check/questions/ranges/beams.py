@@ -10,7 +10,7 @@ from slamsim.check.findings import Curve, Finding, Measurement, Plot
 from slamsim.check.question import FaultKind, Question, judge, unanswered
 from slamsim.check.scan_sample import ScanSample
 from slamsim.core.types import FloatArray
-from slamsim.guard.quantities import as_number
+from slamsim.guard.quantities import as_count, as_number
 from slamsim.recording.repairs.base import Repair
 from slamsim.recording.repairs.scans import isolated_returns
 from slamsim.slam.laser.own_body import (
@@ -88,8 +88,8 @@ def check_beams(topic: str, sample: ScanSample) -> Iterator[Finding]:
     typical_m = float(np.median(known)) if known.size else 0.0
     if len(sample.scans) < MIN_SCANS or typical_m < MIN_TYPICAL_SPREAD_M:
         words = (
-            f"{len(sample.scans)} scans whose beams change by {typical_m:.2g} m: drive and turn "
-            "more to tell the robot's own body from its surroundings"
+            f"the beams of {as_count(len(sample.scans), 'scan')} change by {typical_m:.2g} m: drive "
+            "and turn more to tell the robot's own body from its surroundings"
         )
         yield unanswered(CONSTANT, topic, words)
         return
