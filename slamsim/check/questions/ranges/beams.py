@@ -88,8 +88,8 @@ def check_beams(topic: str, sample: ScanSample) -> Iterator[Finding]:
     typical_m = float(np.median(known)) if known.size else 0.0
     if len(sample.scans) < MIN_SCANS or typical_m < MIN_TYPICAL_SPREAD_M:
         words = (
-            f"the beams of {as_count(len(sample.scans), 'scan')} change by {typical_m:.2g} m: drive "
-            "and turn more to tell the robot's own body from its surroundings"
+            f"the beams of {as_count(len(sample.scans), 'scan')} change by {typical_m:.2g} m: "
+            "drive and turn more to tell the robot's own body from its surroundings"
         )
         yield unanswered(CONSTANT, topic, words)
         return
