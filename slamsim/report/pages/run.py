@@ -215,7 +215,7 @@ def _calibration_table(view: RunView) -> str:
         "as they were assumed to be."
     )
     header = ("", "value", "told by")
-    return table(Table(header, rows), note) if rows else ""
+    return table(Table(header, rows, words=True), note) if rows else ""
 
 
 def _timing_table(view: RunView) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -34,7 +35,7 @@ def blueprint(view: RunView, cameras: Sequence[rrb.Spatial2DView] = ()) -> rrb.B
     hidden = ["- /truth/walls", "- /precision/**", "- /plots/**", "- /cameras/**"]
     has_scans = any(True for _ in view.log.scans)
     scene = rrb.Tabs(
-        _map_view(view, MAP_VIEW, ["+ /**", *hidden]),
+        _map_view(view, f"{MAP_VIEW}: {_paths_drawn(view)}", ["+ /**", *hidden]),
         _map_view(view, PRECISION_VIEW, ["+ /map", "+ /truth/outline", "+ /precision/**"]),
         _space_view(view) if has_scans else _before_cameras(),
         active_tab=0 if has_scans else 2,
@@ -79,7 +80,34 @@ def _curve_view(shown: rr.TimeRange, plot: Panel) -> rrb.TimeSeriesView:
         origin=f"plots/{plot.key}",
         name=f"{plot.title} [{plot.unit}]" if plot.unit else plot.title,
         axis_x=rrb.TimeAxis(view_range=shown),
+        axis_y=_axis_y(plot),
     )
+
+
+def _axis_y(plot: Panel) -> rrb.ScalarAxis | None:
+    """Of errors as far as the estimate's reach, beside which those of odometry leave no room."""
+    errors = [line.values for line in plot.curves if line.name == "estimate" and line.values.size]
+    if not plot.key.startswith("error_") or not errors:
+        return None
+    least, most = min(float(one.min()) for one in errors), max(float(one.max()) for one in errors)
+    if least >= 0.0 >= most:
+        return None
+    return rrb.ScalarAxis(range=(-_round_above(-least), _round_above(most)))
+
+
+def _round_above(value: float) -> float:
+    """1, 2 or 5 times a power of ten, at which an axis has a number; 0 for less than 0."""
+    if value <= 0.0:
+        return 0.0
+    power = 10.0 ** math.floor(math.log10(value))
+    return next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= value)
+
+
+def _paths_drawn(view: RunView) -> str:
+    """What the colours of paths mean, which a view from above has no legend for."""
+    drawn = ["estimate blue"] if view.mapped else []
+    drawn += ["odometry orange"] + ([] if view.truth is None else ["truth green"])
+    return ", ".join(drawn)
 
 
 def _whole_run(view: RunView) -> rr.TimeRange:
