@@ -1,4 +1,4 @@
-"""Changes of pixels, as faults and repairs make them."""
+"""Changes of images, as faults and repairs make them."""
 
 from __future__ import annotations
 
@@ -65,3 +65,15 @@ class Flicker(PixelChange):
         light = 1.0 + self.depth * np.sin(2.0 * np.pi * number / 3.0)
         most = np.iinfo(pixels.dtype).max
         return np.asarray(np.clip(np.rint(pixels * light), 0, most), pixels.dtype)
+
+
+@dataclass(frozen=True, slots=True)
+class CutShort:
+    """Images with these numbers keep this share of their bytes alone, packed or not."""
+
+    numbers: frozenset[int]
+    kept: float
+
+    def of_data(self, data: NDArray[np.uint8], number: int) -> NDArray[np.uint8]:
+        """(n,) bytes of the image with this number; as many come back, or fewer."""
+        return data[: int(self.kept * data.size)] if number in self.numbers else data

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from slamsim.cameras.changes import PixelChange
+from slamsim.cameras.changes import CutShort, PixelChange
 from slamsim.core.types import BoolArray, Float32Array, FloatArray, IntArray
 
 if TYPE_CHECKING:
@@ -23,15 +23,15 @@ class CameraSurvey:
     numbers of the images that were decoded, evenly spread runs of three; of each brightness (m,)
     from 0 to 255 (nan of depth), thumbnails (m, h, w) grey (none of depth), and depths_m (m, 3):
     the 1, 50 and 99 % quantiles of the depths as their encoding means them (nan of others, and
-    where few pixels have any). damaged: how many of those looked at could not be decoded, or
-    are of another kind than the first (grey among colour).
+    where few pixels have any). damaged: (k,) numbers of those that cannot be decoded, as far as
+    their bytes or a look told, or that are of another kind than the first (grey among colour).
 
     grids_m: (m, h, w) depths of every ``grid_px``-th pixel along rows and columns, from pixel
     ``grid_px // 2`` on, nan for none (none of images). colours: (m, h, w, 3) means of RGB over a
     few patches (of colour images alone). is_metric: whether depths are stored as float metres.
 
     numbers: (n,) of the messages, on the topic ``read_topic``, that the images were read from.
-    changes: what is changed in the pixels of each, one after the other, when a copy is written.
+    changes: what is changed in each, one after the other, when a copy is written.
     """
 
     topic: str
@@ -46,14 +46,14 @@ class CameraSurvey:
     brightness: FloatArray
     depths_m: FloatArray
     thumbnails: NDArray[np.uint8]
-    damaged: int = 0
+    damaged: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     grids_m: Float32Array = field(default_factory=lambda: np.zeros((0, 0, 0), np.float32))
     grid_px: int = 1
     colours: FloatArray = field(default_factory=lambda: np.zeros((0, 0, 0, 3)))
     is_metric: bool = False
     read_topic: str = ""
     numbers: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
-    changes: tuple[PixelChange, ...] = ()
+    changes: tuple[PixelChange | CutShort, ...] = ()
 
     def __len__(self) -> int:
         return int(self.stamps_ns.size)
@@ -76,7 +76,8 @@ class CameraSurvey:
         for name in per_look:
             of_looks = getattr(self, name)
             kept[name] = of_looks[looks[seen]] if len(of_looks) else of_looks
-        return replace(self, sampled=seen, **kept)
+        damaged = np.flatnonzero(np.isin(rows, self.damaged))
+        return replace(self, sampled=seen, damaged=damaged, **kept)
 
     def repainted(self, change: PixelChange) -> CameraSurvey:
         """With a change of all pixels, as it shows in what is held of them."""
@@ -85,3 +86,13 @@ class CameraSurvey:
             depths_m, grids_m = (change.of_values(each) for each in (self.depths_m, self.grids_m))
             return replace(changed, depths_m=depths_m, grids_m=grids_m)
         return replace(changed, colours=change.of_values(self.colours))
+
+    def cut_short(self, rows: IntArray, kept: float) -> CameraSurvey:
+        """With this share of the bytes of images (k,), which cannot be decoded any more."""
+        cut = CutShort(frozenset(self.numbers[rows].tolist()), kept)
+        shown = ~np.isin(self.sampled, rows)
+        per_look = ("sampled", "brightness", "depths_m", "thumbnails", "grids_m", "colours")
+        looks = {name: getattr(self, name) for name in per_look}
+        left = {name: each[shown] if len(each) else each for name, each in looks.items()}
+        damaged = np.union1d(self.damaged, rows)
+        return replace(self, damaged=damaged, changes=(*self.changes, cut), **left)

@@ -18,7 +18,7 @@ from slamsim.config.faults import FaultChoice
 from slamsim.console.reporter import Reporter
 from slamsim.guard.errors import SlamsimError
 from slamsim.io.cameras import open_cameras
-from slamsim.io.cameras.survey import read_with_cameras
+from slamsim.io.cameras.survey import read_with_cameras, survey
 from slamsim.io.copy.images import _packed, _raw
 from slamsim.io.copy.recording import copy_recording
 from slamsim.recording.repairs.apply import apply_repairs
@@ -107,6 +107,7 @@ TOLD = {
     "camera_duplicates": "camera_duplicated",
     "camera_flicker": "camera_flicker",
     "stereo_swapped": "camera_stereo_swapped",
+    "camera_damaged": "camera_damaged",
 }
 """Of a camera beside an odometry alone: delays and places need a lidar or a gyroscope."""
 SIZES = {"camera_frozen": 0.6, "depth_late": 0.023}
@@ -150,6 +151,42 @@ def test_repeated_images_are_left_out(healthy: Path, tmp_path: Path) -> None:
         np.testing.assert_array_equal(pixels, shown[stamp])
 
 
+def test_damaged_images_are_left_out(healthy: Path, tmp_path: Path) -> None:
+    """Every one, in a copy and in memory, and none beside."""
+    path = faulty(healthy, tmp_path, "camera_damaged", 0.3)
+    read = read_with_cameras(path)
+    lost = {each.topic: set(each.damaged.tolist()) for each in read.cameras}
+    assert all(0.1 * FRAMES < len(each) < 0.5 * FRAMES for each in lost.values())
+    assert read.cameras[0].sampled.size == FRAMES - len(read.cameras[0].damaged)
+    found = answers(read)["camera.damaged"]
+    fixed = apply_repairs(read, [repair for one in found for repair in one.repairs])
+    copy_recording(path, read, fixed, tmp_path / "fixed")
+    after, before = images(tmp_path / "fixed"), images(healthy)
+    for topic in (LEFT, RIGHT, DEPTH):
+        assert_same(
+            after[topic], [each for k, each in enumerate(before[topic]) if k not in lost[topic]]
+        )
+        assert {one.verdict for one in answers(fixed)["camera.damaged"]} == {"ok"}
+
+
+@pytest.mark.parametrize("suffix", ["jpg", "png"])
+def test_files_that_are_cut_off_are_told_though_they_are_not_looked_at(
+    suffix: str, tmp_path: Path
+) -> None:
+    """Of a folder of many images some are decoded; the ends of all are read."""
+    (tmp_path / "rgb").mkdir()
+    grey = np.random.default_rng(4).integers(0, 255, (20, 30)).astype(np.uint8)
+    whole = encode_jpeg(grey) if suffix == "jpg" else encode_png(grey)
+    for number in range(30):
+        data = whole[: len(whole) // 2] if number in (4, 23) else whole
+        (tmp_path / "rgb" / f"{number}.{suffix}").write_bytes(data)
+    (tmp_path / "rgb.txt").write_text("".join(f"{k}.0 rgb/{k}.{suffix}\n" for k in range(30)))
+    with open_cameras(tmp_path) as cameras:
+        (seen,) = survey(cameras, most=9)
+    assert seen.damaged.tolist() == [4, 23]
+    assert seen.sampled.tolist() == [0, 1, 2, 10, 11, 12, 20, 21, 22]
+
+
 def test_packed_images_stay_packed() -> None:
     rng = np.random.default_rng(2)
     colours = rng.integers(0, 255, (20, 30, 3)).astype(np.uint8)
@@ -189,7 +226,7 @@ def test_grey_images_among_colour_are_counted_as_damaged(tmp_path: Path) -> None
         (tmp_path / "rgb" / f"{number}.png").write_bytes(encode_png(pixels))
     (tmp_path / "rgb.txt").write_text("".join(f"{k}.0 rgb/{k}.png\n" for k in range(4)))
     (seen,) = read_with_cameras(tmp_path).cameras
-    assert (seen.kind, seen.damaged, seen.sampled.tolist()) == ("colour", 1, [0, 1, 3])
+    assert (seen.kind, seen.damaged.tolist(), seen.sampled.tolist()) == ("colour", [2], [0, 1, 3])
     assert len(seen.colours) == len(seen.thumbnails) == 3
 
 

@@ -27,7 +27,7 @@ FRAMES, PERIOD_NS = 60, 50_000_000
 WIDTH, HEIGHT = 320, 120
 QUESTIONS = (
     *("camera.intrinsics", "camera.frozen", "camera.duplicates", "camera.depth_unit"),
-    *("camera.depth_time", "camera.exposure", "camera.stereo"),
+    *("camera.depth_time", "camera.exposure", "camera.stereo", "camera.damaged"),
 )
 Image = NDArray[Any]
 

@@ -215,7 +215,7 @@ def test_a_topic_that_cannot_be_read_says_why(tmp_path: Path) -> None:
         assert set(cameras.topics) == {"/good", "/bad"} and not cameras.unread
     whole, some = (read_with_cameras(tmp_path / f"{name}.mcap") for name in "ab")
     assert any("/bad: cannot be read: " in words for words in whole.anomalies) and not whole.unread
-    assert "/bad: 5 of 6 images looked at are damaged" in some.anomalies[0]
+    assert not some.anomalies and some.cameras[0].damaged.tolist() == [0, 1, 2, 3, 4]
     with open_cameras(bag(tmp_path / "c.mcap", ("/i", CAMERA.info()))) as cameras:
         assert not cameras.topics and list(cameras.frames()) == []
 

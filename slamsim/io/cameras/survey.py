@@ -15,6 +15,7 @@ from slamsim.cameras.codecs.raw import Kind
 from slamsim.cameras.frames import EncodedFrame
 from slamsim.cameras.survey import CameraSurvey
 from slamsim.guard.errors import InputRefused
+from slamsim.guard.pictures import JPEG_MAGIC, PNG_MAGIC, picture_of
 from slamsim.io.cameras import is_image_folder, open_cameras
 from slamsim.io.cameras.base import Cameras
 from slamsim.io.formats.ros import is_ros
@@ -35,6 +36,8 @@ _GRID_PX = 80
 """Columns of a depth image that are kept: a wall at 3 m still has one every 5 cm."""
 _PATCHES = (8, 6)
 """(columns, rows) over which colours are averaged: surfaces, not details."""
+_DEPTH_HEADER_BYTES = 12
+"""Of compressedDepth, before its PNG."""
 _Seen = tuple[
     float, tuple[float, ...], NDArray[np.uint8], NDArray[np.float32], NDArray[np.float64], bool
 ]
@@ -55,14 +58,8 @@ def with_cameras(recording: Recording, path: Path) -> Recording:
 
 
 def _with_survey(recording: Recording, cameras: Cameras) -> Recording:
-    """With what images show, and what of them cannot be read among the anomalies."""
+    """With what images show, and topics that cannot be read among the anomalies."""
     looks = survey(cameras)
-    damaged = (
-        f"{each.topic}: {each.damaged} of {each.damaged + each.sampled.size} images looked at are "
-        "damaged, or of another kind than the first"
-        for each in looks
-        if each.damaged
-    )
     unread = (f"{topic}: cannot be read: {why}" for topic, why in cameras.unread.items())
     looked_at = {each.topic for each in looks} | {
         claim.source.removeprefix("topic ") for claim in cameras.infos.values()
@@ -70,7 +67,7 @@ def _with_survey(recording: Recording, cameras: Cameras) -> Recording:
     return replace(
         recording,
         cameras=looks,
-        anomalies=(*recording.anomalies, *damaged, *unread),
+        anomalies=(*recording.anomalies, *unread),
         unread=tuple(
             each for each in recording.unread if each.topic not in looked_at | set(cameras.unread)
         ),
@@ -105,7 +102,8 @@ class _Look:
     """One topic, of whose every so many images the first ``RUN`` are decoded."""
 
     def __init__(self, kind: Kind, every: int) -> None:
-        self._kind, self._every, self._damaged = kind, every, 0
+        self._kind, self._every, self._bytes = kind, every, 0
+        self._damaged: list[int] = []
         self._times: list[tuple[int, int]] = []
         self._digests: list[int] = []
         self._sampled: list[int] = []
@@ -113,19 +111,32 @@ class _Look:
 
     def add(self, frame: EncodedFrame) -> None:
         self._times.append((frame.stamp_ns, frame.received_ns))
-        self._digests.append(zlib.crc32(frame.content()))
-        if frame.number % self._every >= RUN:
+        content = frame.content()
+        self._digests.append(zlib.crc32(content))
+        is_looked_at = frame.number % self._every < RUN
+        if not is_looked_at and self._is_whole(content):
             return
         try:
             kind, pixels = frame.stored()
         except InputRefused:
-            self._damaged += 1
+            self._damaged.append(frame.number)
             return
+        self._bytes = len(content)
         if kind != self._kind:
-            self._damaged += 1
+            self._damaged.append(frame.number)
+        if kind != self._kind or not is_looked_at:
             return
         self._sampled.append(frame.number)
         self._seen.append(_of_depth(frame, pixels) if kind == "depth" else _of_image(pixels))
+
+    def _is_whole(self, content: bytes | memoryview) -> bool:
+        """As far as checksums and end marks of PNG and JPEG, or else as many bytes as before,
+        tell: nothing is decoded for that."""
+        for begin in (0, _DEPTH_HEADER_BYTES):
+            data = bytes(content[begin:])
+            if data.startswith((PNG_MAGIC, JPEG_MAGIC)):
+                return _has_end(data)
+        return len(content) == self._bytes
 
     def survey(self, cameras: Cameras, name: str) -> CameraSurvey:
         topic = cameras.topics[name]
@@ -145,7 +156,7 @@ class _Look:
             np.array(brightness, dtype=np.float64),
             np.array(depths, dtype=np.float64).reshape(-1, 3),
             np.stack(thumbnails) if thumbnails else np.zeros((0, 0, 0), np.uint8),
-            self._damaged,
+            np.array(self._damaged, dtype=np.int64),
             np.stack(grids) if grids else np.zeros((0, 0, 0), np.float32),
             _grid_step(topic.width),
             np.stack(colours) if colours else np.zeros((0, 0, 0, 3)),
@@ -153,6 +164,14 @@ class _Look:
             name,
             np.arange(len(times)),
         )
+
+
+def _has_end(data: bytes) -> bool:
+    try:
+        picture_of(data)
+    except ValueError:
+        return False
+    return True
 
 
 def _of_depth(frame: EncodedFrame, pixels: NDArray[Any]) -> _Seen:

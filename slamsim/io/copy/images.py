@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from slamsim.cameras.changes import PixelChange
+from slamsim.cameras.changes import CutShort, PixelChange
 from slamsim.cameras.codecs.depth import decode_compressed_depth, encode_compressed_depth
 from slamsim.cameras.codecs.pictures import decode_picture, encode_jpeg, encode_png
 from slamsim.cameras.codecs.raw import encoding_of
@@ -58,7 +58,7 @@ class ImagesPart:
         return Origin.in_order(self.camera.read_topic, self.camera.numbers)
 
     def repaint(self, message: Any, row: int) -> None:
-        """Change the pixels of a message; one that is damaged stays as it is.
+        """Change the image of a message; the pixels of one that is damaged stay as they are.
 
         Raises SlamsimError for pixels that cannot be changed in their encoding.
         """
@@ -71,8 +71,10 @@ class ImagesPart:
             raise SlamsimError(f"{name} cannot be changed: {error}") from None
 
 
-def _repaint(message: Any, change: PixelChange, number: int) -> None:
-    if hasattr(message, "encoding"):
+def _repaint(message: Any, change: PixelChange | CutShort, number: int) -> None:
+    if isinstance(change, CutShort):
+        message.data = change.of_data(np.array(message.data, dtype=np.uint8), number)
+    elif hasattr(message, "encoding"):
         message.data = _raw(message, change, number)
     else:
         packed = _packed(str(message.format), bytes(message.data), change, number)

@@ -67,6 +67,7 @@ OPERATIONS: Mapping[str, Declaration] = {
     "scale_focal": cameras.scale_focal,
     "set_camera_size": cameras.set_camera_size,
     "drop_repeated_images": cameras.drop_repeated_images,
+    "drop_damaged_images": cameras.drop_damaged_images,
     "exchange_images": cameras.exchange_images,
 }
 """Each gives the edit for what is asked of a recording."""
@@ -109,6 +110,7 @@ _EVIDENT = frozenset(
         "scale_acceleration",
         "set_camera_size",
         "drop_repeated_images",
+        "drop_damaged_images",
         "exchange_images",
         "unwrap_ticks",
         "normalise_rotations",

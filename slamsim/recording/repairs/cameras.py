@@ -61,6 +61,15 @@ def drop_repeated_images(recording: Recording, repair: Repair) -> Edit:
     return ChangeCameras(_subject(repair), once)
 
 
+def drop_damaged_images(recording: Recording, repair: Repair) -> Edit:
+    """Leave images out that cannot be decoded."""
+
+    def whole(camera: CameraSurvey) -> CameraSurvey:
+        return kept(camera, ~np.isin(np.arange(len(camera)), camera.damaged))
+
+    return ChangeCameras(_subject(repair), whole)
+
+
 def exchange_images(recording: Recording, repair: Repair) -> Edit:
     """Exchange the images of a topic with those of the topic other."""
     return ExchangeImages(repair.subject, str(repair.parameters["other"]))

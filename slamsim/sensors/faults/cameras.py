@@ -22,7 +22,7 @@ from slamsim.recording.edits.cameras import ChangeCameras, ExchangeImages, repea
 from slamsim.recording.frame_graph import FrameGraph
 from slamsim.recording.repairs.base import Repair
 from slamsim.recording.repairs.frames import set_mounting
-from slamsim.sensors.faults.base import Fault, spells
+from slamsim.sensors.faults.base import Fault, some_of, spells
 
 Images = Literal["all", "images", "depth"]
 _LACKING = {"all": "camera images", "images": "colour or grey images", "depth": "depth images"}
@@ -163,6 +163,23 @@ class CameraDuplicates(CameraFault):
             return np.asarray(np.diff(np.floor(np.arange(len(camera) + 1) * self.share)) > 0)
 
         return self.changed(lambda camera: repeating(camera, _before(again(camera))))
+
+
+class CameraDamaged(CameraFault):
+    """Some images are cut off, as where a bus or a disk loses the rest of a message."""
+
+    kind: Literal["camera_damaged"]
+    share: float = Field(gt=0.0, le=0.9)
+    """Of the images, at random."""
+    kept: float = Field(default=0.6, ge=0.0, lt=1.0)
+    """Share of its bytes that is left of each."""
+
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        def cut(camera: CameraSurvey) -> CameraSurvey:
+            rows = np.flatnonzero(some_of(len(camera), self.share, rng))
+            return camera.cut_short(rows, self.kept)
+
+        return self.changed(cut)
 
 
 class CameraFlicker(CameraFault):
