@@ -9,6 +9,7 @@ from dataclasses import asdict
 
 from slamsim.check.findings import CheckReport, Finding, Measurement, Verdict
 from slamsim.check.registry import fault_meaning
+from slamsim.guard.quantities import as_interval, as_number
 
 JSON_VERDICTS: dict[Verdict, str] = {
     "ok": "ok",
@@ -16,6 +17,10 @@ JSON_VERDICTS: dict[Verdict, str] = {
     "inconclusive": "cannot tell",
 }
 """What verdicts are called in ``--json``, where names never change."""
+_NOTHING = 1e-6
+"""Share of its limit below which a size is nothing."""
+_ROUNDING = 1e-9
+"""What rounding leaves of equal numbers is less, in every unit of ours."""
 _REPEATED = 0.6
 """Share of the words of a meaning from which on a sentence repeats it. Chosen by reading five
 meanings beside their sentences: those that repeat share 0.63 and more, the others 0.43 and less."""
@@ -37,17 +42,18 @@ def shown(estimate: Measurement | None, limit: float | None = None) -> str:
     """A number with its interval and its limit, empty without one."""
     if estimate is None:
         return ""
-    text = f"{estimate.value:.4g}"
-    if estimate.sigma > 0.0:
-        text += f" ± {1.96 * estimate.sigma:.2g}"
-    text += f" {estimate.unit}"
+    value, within = estimate.value, 1.96 * estimate.sigma
+    if limit and abs(value) + within < _NOTHING * limit:  # what rounding leaves of equal numbers
+        value = within = 0.0
+    text = f"{as_interval(value, within)} {estimate.unit}".rstrip()
     return text if limit is None else f"{text} (limit {limit:.3g})"
 
 
 def signed_words(value: float, unit: str, more: str, less: str) -> str:
     """A size with its sign in words: -40.2 mm that are "too long" if positive and "too short" if
     negative are "40.2 mm too short"."""
-    return f"{abs(value):.3g} {unit} {more if value > 0.0 else less}"
+    size = abs(value) if abs(value) > _ROUNDING else 0.0
+    return f"{as_number(size, 3)} {unit} {more if value > 0.0 else less}"
 
 
 def warning(finding: Finding) -> str:

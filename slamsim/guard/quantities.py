@@ -31,9 +31,9 @@ def as_interval(value: float, sigma: float) -> str:
     """``35.18 ± 0.008``: the uncertainty to two digits, the value to the same place."""
     if not sigma > 0.0 or not math.isfinite(sigma):
         return as_number(value)
-    sigma = float(f"{sigma:.1e}")  # 0.0996 is 0.1: its two digits are others
-    places = max(1 - math.floor(math.log10(sigma)), 0)
-    whole = 1 + math.floor(math.log10(max(abs(value), sigma)))
+    rounded = float(f"{sigma:.1e}")  # 0.0996 is 0.1: its two digits are others
+    places = max(1 - math.floor(math.log10(rounded)), 0)
+    whole = 1 + math.floor(math.log10(abs(value) or rounded))
     return f"{as_number(value, max(min(whole + places, _DIGITS), 1))} ± {as_number(sigma, 2)}"
 
 

@@ -159,3 +159,4 @@ def test_an_interval_has_as_many_digits_as_it_is_sure_of() -> None:
     assert as_interval(-0.003, 0.013) == "-0.003 ± 0.013"
     assert as_interval(0.7941, 0.77) == "0.79 ± 0.77"
     assert as_interval(3.1779, 0.0996) == "3.18 ± 0.1"
+    assert as_interval(-12.6, 396.0) == "-13 ± 396"

@@ -17,6 +17,7 @@ from slamsim.check.questions.clocks.pairs import (
 )
 from slamsim.check.questions.streams.epochs import EPOCH_MISMATCH
 from slamsim.check.questions.streams.receipt import CLOCK_DRIFT, STAMPS_INVENTED
+from slamsim.guard.quantities import as_interval
 from slamsim.recording.repairs.base import Repair
 
 OTHER_EPOCH_S = 1e5
@@ -236,7 +237,8 @@ def _drift(
         best = min(offsets.values(), key=lambda one: one.drift_sigma)
         size, limit_ppm = best.drift_size, best.drift_limit_ppm
         one, other = PAIR_WORDS[best.pair]
-        words = f"clocks of {one} and {other} run apart by {size.value:.3g} ppm ± {size.sigma:.2g}"
+        apart = as_interval(size.value, size.sigma)
+        words = f"clocks of {one} and {other} run apart by {apart} ppm"
         return [
             judge(
                 DRIFT,
