@@ -8,13 +8,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from recording_data import odometry_at, recording, stamps
 from scan_recording import healthy
 from test_check_inertial import robot
 
 from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding
+from slamsim.check.questions.wheels.rounding import check_rounding
 from slamsim.check.questions.wheels.turning import check_turning
 from slamsim.check.questions.wheels.twist import check_twist
+from slamsim.core.geometry import xyzw_from_yaw
 from slamsim.core.types import FloatArray
 from slamsim.recording import RawImu, RawOdometry, Recording
 from slamsim.recording.repairs.apply import apply_repairs
@@ -138,3 +141,44 @@ def test_a_robot_that_drives_straight_on_need_not_turn_with_a_biased_gyroscope(b
     rates = np.random.default_rng(1).normal([0.0, 0.0, bias], 0.01, (len(imu), 3))
     made = replace(made, streams=(replace(imu, angular_velocity_rad_s=rates), straight))
     assert turning_of(made).verdict == "ok"
+
+
+def written(place_m: float, turn_rad: float) -> Finding:
+    """Of a robot that turns to and fro, its poses rounded to these steps, 0 for none."""
+    odometry = odometry_at(stamps(20.0, 60.0))
+    since_s = 1e-9 * (odometry.stamps_ns - odometry.stamps_ns[0])
+    yaw = 3.0 + 1.3 * np.sin(0.4 * since_s) + 0.7 * np.sin(0.17 * since_s)
+    places = np.cumsum(0.02 * np.column_stack([np.cos(yaw), np.sin(yaw), 0.0 * yaw]), axis=0)
+    places = np.round(places / place_m) * place_m if place_m else places
+    yaw = np.round(yaw / turn_rad) * turn_rad if turn_rad else yaw
+    made = replace(odometry, positions_m=places, quats_xyzw=xyzw_from_yaw(yaw))
+    (found,) = check_rounding(RecordingEvidence(recording().with_streams(RawOdometry, (made,))))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("place_m", "turn_rad", "step_mm"),
+    [
+        (0.0, 0.0, 0.0),
+        (0.001, 0.001, 10.0),
+        (0.01, 0.0, 10.0),
+        (0.01, 0.01, 100.0),
+        (0.1, 0.0, 100.0),
+        (0.0, np.radians(1.0), 10e3 * np.radians(1.0)),
+        (0.0, np.radians(0.1), 10e3 * np.radians(0.1)),
+        (0.0, 0.0123, 0.0),  # of counters, not of writing
+    ],
+)
+def test_poses_that_are_written_with_few_digits(
+    place_m: float, turn_rad: float, step_mm: float
+) -> None:
+    found = written(place_m, turn_rad)
+    assert found.estimate is not None and found.estimate.value == pytest.approx(step_mm, abs=0.01)
+    assert found.fault == ("odometry_coarse" if step_mm > 50.0 else None)
+
+
+def test_a_robot_that_turns_at_one_rate_is_no_rounded_one() -> None:
+    odometry = odometry_at(stamps(10.0, 12.0))  # 0.02 rad from message to message
+    made = recording().with_streams(RawOdometry, (odometry,))
+    (found,) = check_rounding(RecordingEvidence(made))
+    assert found.verdict == "ok"

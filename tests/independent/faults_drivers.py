@@ -258,7 +258,7 @@ OF_MOTION = [
         change=_degrees_for_radians,
     ),
     fault("heading_clockwise", "driver_odometry", None, change=_handed),
-    fault("odometry_two_decimals", "driver_odometry", None, change=_two_decimals),
+    fault("odometry_two_decimals", "driver_odometry", "odometry_coarse", change=_two_decimals),
     fault(
         "tf_published_twice",
         "two_publishers",
