@@ -297,7 +297,7 @@ def test_messages_that_come_late_and_then_all_at_once_are_not_missing() -> None:
     (gaps,) = [one for one in findings if (one.check, one.subject) == ("time.gaps", "/imu")]
     assert gaps.verdict == "ok"
     (scatter,) = [one for one in findings if (one.check, one.subject) == ("time.scatter", "/imu")]
-    assert scatter.fault == "stamps_jitter" and "360 of 6000" in scatter.words
+    assert scatter.fault == "stamps_jitter" and "360 of 6,000" in scatter.words
 
 
 @given(

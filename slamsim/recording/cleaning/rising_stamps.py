@@ -70,7 +70,7 @@ def rising_times(
     late = int((np.diff(stamps_ns) < 0).sum())
     if late and (sorting or (sorting is None and not is_late(stamps_ns))):
         order = np.argsort(stamps_ns, kind="stable")
-        told.append(f"{late} of {order.size} {what} are stamped before the one above: sorted")
+        told.append(f"{late:,} of {order.size:,} {what} are stamped before the one above: sorted")
     order = _without_repeats(stamps_ns, order, is_repeat, told)
     stamps_ns = stamps_ns[order]
     if (np.diff(stamps_ns) > 0).all():
@@ -103,7 +103,7 @@ def _without_repeats(
         if repeats.sum() <= ALIKE_SHARE * order.size:
             twice |= repeats
     if twice.any():
-        told.append(f"{int(twice.sum())} scans carry the stamp of another one: left out")
+        told.append(f"{int(twice.sum()):,} scans carry the stamp of another one: left out")
     return np.asarray(order[~twice])
 
 

@@ -53,7 +53,7 @@ def in_order(
             told = [f"{what}: {words}" for words in times.told]
             return times.stamps_ns, rows[times.order], [*warnings, *told]
     if backward:
-        warnings.append(f"{what}: {backward} of {rows.size} stamps run backwards: sorted")
+        warnings.append(f"{what}: {backward:,} of {rows.size:,} stamps run backwards: sorted")
     if unique_ns.size < rows.size:
         warnings.append(f"{what}: {rows.size - unique_ns.size} messages repeat a stamp: left out")
     return unique_ns, rows[first], warnings

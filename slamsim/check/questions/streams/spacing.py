@@ -144,7 +144,7 @@ def _order(series: StampSeries) -> Finding:
     return judge(
         ORDER,
         series.subject,
-        f"{backward} of {len(series)} stamps lie before the one above, by up to "
+        f"{backward:,} of {len(series):,} stamps lie before the one above, by up to "
         f"{-steps_s.min():.3g} s",
         size,
         advice="Look for two publishers on one topic or a clock that was set back; sort by stamp, "
@@ -189,7 +189,7 @@ def _repeats(series: StampSeries) -> Finding:
     return judge(
         REPEATS,
         series.subject,
-        f"{repeated} of {len(series)} messages carry the stamp of another one",
+        f"{repeated:,} of {len(series):,} messages carry the stamp of another one",
         Measurement(100.0 * repeated / len(series), 0.0, "%"),
         limit=100.0 * max(MAX_REPEATED_SHARE, (_MIN_REPEATED - 0.5) / len(series)),
         advice="Stamp each message with the instant of its own measurement.",
@@ -237,7 +237,7 @@ def _held_up(series: StampSeries, late_s: FloatArray, late: int) -> Finding:
     return judge(
         SCATTER,
         series.subject,
-        f"{late} of {len(series)} messages came together at the end of a pause, the first "
+        f"{late:,} of {len(series):,} messages came together at the end of a pause, the first "
         f"{1e3 * late_s.max():.3g} ms late, and carry the time when they came",
         Measurement(1e3 * float(np.sqrt(np.mean(np.square(late_s)))), 0.0, "ms"),
         verdict="fault",
