@@ -90,7 +90,7 @@ def test_real_logs(
 @needs_radish
 def test_stamps_of_intel_that_run_backwards_are_sorted_counted_and_told() -> None:
     log = _real("intel")
-    assert any("631 of 13631 scans" in warning for warning in log.warnings)
+    assert any("631 of 13,631 scans" in warning for warning in log.warnings)
     assert log.epoch == "unix"
 
 
