@@ -11,6 +11,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any, Literal
 
 import cv2
@@ -332,6 +333,21 @@ def test_yuv_is_what_bt601_says(encoding: str, order: str) -> None:
 def test_what_is_no_image_is_told(image: RawImage, why: str) -> None:
     with pytest.raises(ValueError, match=why):
         decode_raw(image)
+
+
+@pytest.mark.parametrize("big", [False, True])
+def test_floats_that_are_called_integers_are_told(big: bool) -> None:
+    """Metres in 16UC1: rows are twice as long; integers with padding as long stay integers."""
+    metres = RANDOM.uniform(0.4, 9.0, (6, 8)).astype(np.float32)
+    metres[2, 3], metres[4, 1] = np.nan, 0.0
+    floats = replace(raw("32FC1", metres, big), encoding="16UC1")
+    with pytest.raises(ValueError, match="four bytes a pixel, which are floats in metres"):
+        decode_raw(floats)
+    millimetres = (1000.0 * RANDOM.uniform(0.4, 9.0, (6, 8))).astype(np.uint16)
+    for padded in (raw("16UC1", millimetres, big, 16), raw("16UC1", 0 * millimetres, big, 16)):
+        assert decode_raw(padded)[1].max() in (0, millimetres.max())
+    empty = replace(raw("32FC1", 0.0 * np.ones((6, 8), np.float32), big), encoding="16UC1")
+    assert not decode_raw(empty)[1].any()
 
 
 def test_the_last_row_need_not_be_padded() -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from bag_data import ROS1, ROS2, START_NS, Maker, Robot, as_mcap, as_ros1, as_rosbag2
 from camera_data import LIVINGROOM, needs
+from typed import typed
 
 from slamsim.cameras.codecs.depth import encode_compressed_depth
 from slamsim.cameras.codecs.pictures import encode_jpeg, encode_png
@@ -220,6 +221,17 @@ def test_a_topic_that_cannot_be_read_says_why(tmp_path: Path) -> None:
         assert not cameras.topics and list(cameras.frames()) == []
 
 
+def test_map_and_view_tell_why_images_cannot_be_read(tmp_path: Path) -> None:
+    cut = encode_jpeg(colours())[:-9]
+    bag(tmp_path / "a.mcap", *(("/cam", CAMERA.packed(k, "jpeg", cut)) for k in range(3)))
+    found = typed("map", "a.mcap", "--out", "mapped", cwd=tmp_path)
+    assert found.returncode == 3 and not (tmp_path / "mapped").exists()
+    assert "/cam: cannot be read: the JPEG is cut off" in " ".join(found.stderr.split())
+    seen = typed("view", "a.mcap", "--screenshot", "a.png", cwd=tmp_path)
+    assert seen.returncode == 3
+    assert "none of its images can be read; /cam: the JPEG is" in " ".join(seen.stderr.split())
+
+
 CLAIMS: dict[str, tuple[dict[str, Any], str]] = {
     "size": ({"width": 9}, "says 9 x 6, but images of /cam/image are 8 x 6"),
     "uncalibrated": ({"k": np.zeros(9)}, "singular"),
@@ -425,15 +437,31 @@ def test_a_folder_of_euroc(part: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "why"),
     [
-        ("radial-tangential", "fov", "radial-tangential, radtan, equidistant is needed"),
-        ("pinhole", "omni", "a pinhole"),
-        ("resolution: [8, 6]", "resolution: [8]", "cam0/sensor.yaml"),
+        ("radial-tangential", "fov", "is 'fov'; known are radial-tangential, radtan, equidistant"),
+        ("pinhole", "omni", "camera_model: a pinhole is needed, not 'omni'"),
+        ("resolution: [8, 6]", "resolution: [8]", "resolution: holds 1 numbers, not width, height"),
+        ("[10.0, 11.0, 3.5, 2.5]", "[10.0, 11.0]", "intrinsics: holds 2 numbers, not fx, fy, cx"),
         ("intrinsics: [10.0", "intrinsics: [no", "cam0/sensor.yaml"),
     ],
 )
 def test_a_wrong_sensor_of_euroc_is_refused(old: str, new: str, why: str, tmp_path: Path) -> None:
     with pytest.raises(InputRefused, match=why):
         open_cameras(asl(tmp_path, SENSOR.replace(old, new)))
+
+
+def test_a_folder_whose_first_image_is_damaged_is_read(tmp_path: Path) -> None:
+    """It is told of the others; where none can be read, the folder is refused."""
+    (tmp_path / "rgb").mkdir()
+    (tmp_path / "rgb.txt").write_text("".join(f"{k}.0 rgb/{k}.png\n" for k in range(4)))
+    whole = encode_png(colours())
+    for number in range(4):
+        (tmp_path / "rgb" / f"{number}.png").write_bytes(whole[:-9] if number == 0 else whole)
+    (seen,) = read_with_cameras(tmp_path).cameras
+    assert (seen.size, seen.damaged.tolist()) == ((WIDTH, HEIGHT), [0])
+    for number in range(4):
+        (tmp_path / "rgb" / f"{number}.png").write_bytes(whole[:-9])
+    with pytest.raises(InputRefused, match=r"image 4: the PNG is cut off"):
+        read_with_cameras(tmp_path)
 
 
 def open3d(folder: Path, colour: str = "color") -> Path:

@@ -16,6 +16,10 @@ from slamsim.guard.pictures import require_size
 Kind = Literal["colour", "grey", "depth"]
 
 
+_NEAREST_M, _FARTHEST_M = 0.01, 1000.0
+"""Between these lies every depth that a camera measures, in metres."""
+
+
 @dataclass(frozen=True, slots=True)
 class Encoding:
     """dtype and channels: of a pixel as stored. to_rgb: OpenCV's conversion, None for none."""
@@ -115,9 +119,28 @@ def _stored(image: RawImage, encoding: Encoding) -> NDArray[Any]:
     if image.data.size < image.row_bytes * (rows - 1) + used:
         reason = f"is cut off: {image.data.size:,} of {image.row_bytes * rows:,} bytes"
         raise ValueError(reason)
+    if encoding.kind == "depth" and encoding.dtype == "u2" and _are_metres(image):
+        raise ValueError(
+            f"its rows hold four bytes a pixel, which are floats in metres: {image.encoding} has "
+            "two, 32FC1 holds floats (REP 118)"
+        )
     whole = np.lib.stride_tricks.as_strided(image.data, (rows, used), (image.row_bytes, 1))
     pixels = np.ascontiguousarray(whole).view(dtype).astype(dtype.newbyteorder("="), copy=False)
     return pixels.reshape(rows, image.width, channels) if channels > 1 else pixels
+
+
+def _are_metres(image: RawImage) -> bool:
+    """Whether rows that are twice as long as they need be hold a depth in metres for each pixel.
+
+    What pads rows of integers makes no such floats: their exponents would have to fit each time.
+    """
+    rows, used = image.height, 4 * image.width
+    if image.row_bytes != used or image.data.size < rows * used:
+        return False
+    order = ">" if image.is_bigendian else "<"
+    depths = np.ascontiguousarray(image.data[: rows * used]).view(f"{order}f4")
+    found = depths[np.isfinite(depths) & (depths != 0.0)]
+    return bool(found.size and found.min() > _NEAREST_M and found.max() < _FARTHEST_M)
 
 
 def _converted(pixels: NDArray[np.uint8], code: int) -> NDArray[np.uint8]:

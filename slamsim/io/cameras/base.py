@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any, Self
 
@@ -23,6 +24,8 @@ from slamsim.guard.files import read_input
 from slamsim.guard.numbers import BadNumbers
 from slamsim.io.ros.images import of_picture, without_transport
 
+MOST_TRIED = 10
+"""Images of a topic that cannot be read, until it is given up."""
 MOST_WAITING = 64
 """Frames of one topic that wait for a partner; beyond them the oldest has none."""
 
@@ -261,9 +264,17 @@ def _read(file: Path) -> tuple[Kind, NDArray[Any]]:
 
 
 def _about(images: ImageList) -> CameraTopic:
-    first = next(_frames(images))
-    kind, pixels = first.stored()
-    height, width = pixels.shape[:2]
-    return CameraTopic(
-        images.topic, kind, len(images.files), width, height, first.encoding, images.topic
-    )
+    """By the first image that can be read; raises InputRefused, of the last that was tried."""
+    refusal: InputRefused | None = None
+    for frame in islice(_frames(images), MOST_TRIED):
+        try:
+            kind, pixels = frame.stored()
+        except InputRefused as reason:
+            refusal = reason
+            continue
+        height, width = pixels.shape[:2]
+        return CameraTopic(
+            images.topic, kind, len(images.files), width, height, frame.encoding, images.topic
+        )
+    assert refusal is not None
+    raise refusal

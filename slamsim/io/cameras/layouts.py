@@ -142,10 +142,15 @@ def asl_camera(path: Path, frame: str) -> CameraClaim:
     data: Any = load_yaml(path).data
     with as_input_errors(path, "camera"):
         told = str(data.get("distortion_model", "radial-tangential"))
-        if str(data["camera_model"]) != "pinhole" or told not in _ASL_MODELS:
-            known = ", ".join(_ASL_MODELS)
-            reason = f"a pinhole with the distortion {known} is needed, not {shown(told)}"
+        if str(data["camera_model"]) != "pinhole":
+            reason = f"a pinhole is needed, not {shown(str(data['camera_model']))}"
+            raise InputRefused(path, reason, "camera_model")
+        if told not in _ASL_MODELS:
+            reason = f"is {shown(told)}; known are {', '.join(_ASL_MODELS)}"
             raise InputRefused(path, reason, "distortion_model")
+        for key, names in (("intrinsics", "fx, fy, cx, cy"), ("resolution", "width, height")):
+            if len(data[key]) != len(names.split()):
+                raise InputRefused(path, f"holds {len(data[key])} numbers, not {names}", key)
         width, height = (int(side) for side in data["resolution"])
         T_body_camera = np.array(data["T_BS"]["data"], np.float64).reshape(4, 4)
         coefficients = np.array(data.get("distortion_coefficients") or (), np.float64)

@@ -9,16 +9,13 @@ from typing import NoReturn
 
 from slamsim.cameras.frames import CameraClaim, EncodedFrame
 from slamsim.guard.errors import InputRefused
-from slamsim.io.cameras.base import Cameras, CameraTopic
+from slamsim.io.cameras.base import MOST_TRIED, Cameras, CameraTopic
 from slamsim.io.formats import Truth
 from slamsim.io.input_errors import as_input_errors
 from slamsim.io.ros.bag import Bag, open_bag
 from slamsim.io.ros.images import INFO, PACKED, RAW, claim_of, frame_of, info_topic
 from slamsim.io.ros.reader import is_truth
 from slamsim.io.ros.sources import Channel
-
-_MOST_TRIED = 10
-"""Messages of a topic that cannot be read, until it is given up."""
 
 
 class RecordedCameras(Cameras):
@@ -87,7 +84,7 @@ class _FirstLook:
         for topic, received_ns, data in bag.received(set(waiting)) if waiting else ():
             if topic in waiting:
                 tried[topic] += 1
-                if self._look(waiting[topic], received_ns, data) or tried[topic] == _MOST_TRIED:
+                if self._look(waiting[topic], received_ns, data) or tried[topic] == MOST_TRIED:
                     del waiting[topic]
                 if not waiting:
                     break

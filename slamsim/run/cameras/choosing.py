@@ -50,7 +50,7 @@ def map_by_lidar_or_camera(
                 overwrite=overwrite,
             )
         except (WithoutScans, NothingSeen) as reason:
-            if not _has_images(source, config):
+            if not _has_images(source, config, reporter):
                 raise
             why = "none was recorded" if isinstance(reason, WithoutScans) else "it sees nothing"
             reporter.note(f"{reason}; mapping by camera")
@@ -96,10 +96,13 @@ def _unwanted(without: str, source: Path) -> str:
     return "as asked" if without else ""
 
 
-def _has_images(source: Path, config: RunConfig) -> bool:
-    """Whether a camera can map: by depth, or by tags that are asked for."""
+def _has_images(source: Path, config: RunConfig, reporter: Reporter) -> bool:
+    """Whether a camera can map: by depth, or by tags that are asked for. Images that cannot be read
+    are told."""
     try:
         with open_cameras(log_of(source)) as cameras:
+            for topic, reason in cameras.unread.items():
+                reporter.warn(f"{topic}: cannot be read: {reason}")
             tags = bool(config.slam.landmarks.tags)
             return bool(cameras.pictures() and (cameras.of_kind("depth") or tags))
     except SlamsimError:

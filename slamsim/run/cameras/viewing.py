@@ -47,7 +47,10 @@ def write_unmapped(run: Path, wanted: Selection, rerun: Path) -> None:
         write_recording(rerun, unmapped(found.log()))
         return
     with open_cameras(path) as cameras:
-        has_scans = bool(found.recording.of(RawScans)) or not cameras.topics
+        has_scans = bool(found.recording.of(RawScans))
+        if cameras.unread and not cameras.topics and not has_scans:
+            raise cameras.refused("has no scans, and none of its images can be read")
+        has_scans = has_scans or not cameras.topics
         log = found.log() if has_scans else _log_of_cameras(cameras)
         _write(rerun, log, cameras, found.recording)
 
