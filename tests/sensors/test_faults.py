@@ -150,8 +150,10 @@ def _images(topic: str, kind: Literal["colour", "grey", "depth"]) -> CameraSurve
     return CameraSurvey(
         *(topic, kind, "camera_link", (40, 30), claim, stamps_ns, stamps_ns + 1),
         *(numbers.astype(np.uint32), numbers, rng.uniform(50.0, 150.0, IMAGES)),
-        *(rng.uniform(1.0, 3.0, (IMAGES, 3)), np.zeros((IMAGES, 30, 40), np.uint8), 0),
-        *(rng.uniform(1.0, 3.0, (IMAGES, 30, 40)).astype(np.float32), 1),
+        *(rng.uniform(1.0, 3.0, (IMAGES, 3)), np.zeros((IMAGES, 30, 40), np.uint8)),
+        damaged=np.zeros(0, np.int64),
+        grids_m=rng.uniform(1.0, 3.0, (IMAGES, 30, 40)).astype(np.float32),
+        grid_px=1,
         colours=rng.uniform(0.0, 255.0, (IMAGES, 6, 8, 3)),
         read_topic=topic,
         numbers=numbers,
