@@ -99,8 +99,9 @@ EventKind = Literal[
 slip: wheels that turned without moving the robot so. gap: no scans, or no odometry. jump: a step
 of the odometry that no robot makes. frozen: odometry that stood while the scans moved. blind:
 scans without enough returns. lost: scans that fitted nowhere. kidnapped: a local map begun anew.
-joined: a place that only odometry joins to the rest. torn: scans that contradict the map. lidar:
-a lidar that does not see what its mounting says. unrefined: a final refinement that was not used.
+joined: a place that only odometry joins to the rest. torn: scans that contradict the map, or a
+step that no robot makes among places that look alike. lidar: a lidar that does not see what its
+mounting says. unrefined: a final refinement that was not used.
 odometry: most of the path is known from odometry alone, and the map no better than that. open
 loop: a stretch of path that no loop checks, at whose end the position is unsure.
 """

@@ -31,6 +31,7 @@ from slamsim.slam.frontend.tracking import Status, Step, Tracked
 from slamsim.slam.landmarks.graph import as_known, held_by_tags
 from slamsim.slam.laser.estimate import laser_of
 from slamsim.slam.mapping.assembly import assemble, odometry_alone
+from slamsim.slam.mapping.look_alike import ambiguous_steps
 from slamsim.slam.mapping.saved_map import SavedMap, settled
 from slamsim.slam.online.anchors import Anchors
 from slamsim.slam.online.async_back_end import AsyncBackEnd
@@ -62,6 +63,7 @@ class SlamSession:
         before: Before | None = None,
     ) -> None:
         self._front_end, self._motion, self._keeper = front_end, motion, keeper
+        self._config = config.back_end
         self._first = 0 if before is None else before.keyframe.index + 1
         self._fixed = before is not None and before.fixed
         self._maker = KeyframeMaker(config.back_end.keyframes, config.front_end.max_range_m, before)
@@ -141,8 +143,12 @@ class SlamSession:
         with solving("the whole map"):
             outcome = self._keeper.finish(progress)
             self._solved = outcome.graph
+            torn: tuple[Event, ...] = ()
+            if steps := self._front_end.sudden_steps:
+                keyframes, graph = self._keeper.keyframes(), outcome.graph
+                torn = ambiguous_steps(steps, keyframes, graph, self._first, self._config)
             result, self._information = assemble(
-                self._track, self._front_end, outcome, self._first, self._seconds
+                self._track, self._front_end, outcome, self._first, self._seconds, torn
             )
             return result
 

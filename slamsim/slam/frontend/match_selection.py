@@ -163,12 +163,12 @@ class MatchSelector:
 
     def _believable(self, match: Match, prediction: Prediction) -> bool:
         """The further a match lies from the prediction, the better it has to fit."""
-        squared = (self._sigmas_off(match, prediction) / FAR_SIGMAS) ** 2
+        squared = (self.sigmas_off(match, prediction) / FAR_SIGMAS) ** 2
         share = self._least + FAR_STRICTNESS * (1.0 - self._least) * squared / (1.0 + squared)
         needed = share * self._usual_inliers
         return match.inlier_ratio >= needed and match.covered_ratio >= MIN_COVERED_RATIO
 
-    def _sigmas_off(self, match: Match, prediction: Prediction) -> float:
+    def sigmas_off(self, match: Match, prediction: Prediction) -> float:
         """How far a match lies from the prediction, in such sigmas as odometry shows here."""
         return prediction.distance(match) * (LIKELY_SIGMAS / self._likely_sigmas)
 
@@ -176,14 +176,14 @@ class MatchSelector:
         """Whether so much more of a scan lies on the map at a match than at the prediction that
         it is likelier that odometry is wrong than that the match is."""
         prediction = look.prediction
-        sigmas = self._sigmas_off(match, prediction)
+        sigmas = self.sigmas_off(match, prediction)
         if prediction.jump or sigmas <= LIKELY_SIGMAS:
             return True
         gain = look.support(match.T_map_base) - look.support(prediction.T_map_base)
         return NATS_A_PIECE * gain >= _surprise(sigmas) - _surprise(LIKELY_SIGMAS)
 
     def _expected(self, match: Match, prediction: Prediction) -> bool:
-        return not prediction.jump and self._sigmas_off(match, prediction) <= LIKELY_SIGMAS
+        return not prediction.jump and self.sigmas_off(match, prediction) <= LIKELY_SIGMAS
 
     def _learn_usual(self, match: Match, prediction: Prediction) -> None:
         """Follow how well scans usually fit, and how far from the prediction; never to less than

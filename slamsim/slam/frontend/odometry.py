@@ -16,6 +16,7 @@ from slamsim.slam.frontend.deskew import MAX_TILT_RAD, deskew, tilt_of
 from slamsim.slam.frontend.match_selection import MatchSelector
 from slamsim.slam.frontend.motion import Odometry
 from slamsim.slam.frontend.prediction import Prediction, Predictor
+from slamsim.slam.frontend.sudden_steps import SuddenSteps
 from slamsim.slam.frontend.tracking import Tracked
 from slamsim.slam.matching import Match, Matcher, make_matcher
 from slamsim.slam.matching.accumulate import ENOUGH_PIECES, ScanWindow, with_drift, worth_waiting
@@ -58,6 +59,7 @@ class FrontEnd:
         self._selector = MatchSelector(config.matching.min_inlier_ratio)
         self._monitor = EventMonitor()
         self._window = ScanWindow()
+        self._sudden = SuddenSteps()
         self._last_match: Match | None = None
         self._held_back = 0
         self.breaks_ns: list[int] = []
@@ -66,6 +68,8 @@ class FrontEnd:
         """Scans whose beams the motion does not cover."""
         self.unmatched = 0
         """Scans that fitted nowhere and were placed by the motion alone."""
+        self.sudden_steps: list[Event] = []
+        """Steps of the scans that no robot makes: to be told where places look alike."""
         self.restarts = 0
         """Times the local map was begun anew, the robot being lost."""
 
@@ -119,6 +123,9 @@ class FrontEnd:
             motion = self._predictor.motion_after(scan, match)
             cloud = deskew(scan, motion, scan.stamp_ns, self._T_base_laser)
             match = self._match(cloud, prediction) or match
+
+        if match is not None:
+            self._look_for_sudden_step(prediction, match)
 
         T_map_base = self._predictor.update(prediction, match)
 
@@ -220,6 +227,11 @@ class FrontEnd:
             ),
         )
         return tuple(words for count, words in told if count)
+
+    def _look_for_sudden_step(self, prediction: Prediction, match: Match) -> None:
+        step = self._sudden.see(prediction, match, self._selector.sigmas_off(match, prediction))
+        if step is not None:
+            self.sudden_steps.append(step)
 
     def _match(self, cloud: Cloud, prediction: Prediction) -> Match | None:
         """The match to believe; none while there is no map."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from slamsim.core.result import Event, PoseGraph, SlamResult
@@ -24,12 +24,13 @@ def assemble(
     outcome: BackEndOutcome,
     first: int,
     seconds: Mapping[str, float],
+    torn: Sequence[Event] = (),
 ) -> tuple[SlamResult, MapInformation | None]:
     """The result of one drive, and what holds its key frames, None without a refinement.
 
     track: its scans, at least one of them. outcome: of the whole map; the drive begins at key
-    frame number ``first`` of it. seconds: spent on the way, by stage. What fails here leaves the
-    result of the back end as it is.
+    frame number ``first`` of it. seconds: spent on the way, by stage. torn: what is to be told
+    besides. What fails here leaves the result of the back end as it is.
     """
     graph = since(outcome.graph, first)
     raw, odometry = track.front_end(), track.odometry()
@@ -40,7 +41,7 @@ def assemble(
         smoothed = track.smoothed(corrected, track.calibrated_odometry(outcome.calibration))
         of_scans, information = _smoothed_graph(graph, outcome, first, smoothed)
         trajectory = smoothed.track
-    events = _in_order(front_end, outcome)
+    events = _in_order(front_end, outcome, torn)
     counted = (*front_end.warnings(), *track.warnings())
     result = SlamResult(
         trajectory=trajectory,
@@ -104,9 +105,11 @@ def _smoothed_graph(
     return replace(graph, covariances=sure.relative, in_map=sure.in_map), information
 
 
-def _in_order(front_end: FrontEnd, outcome: BackEndOutcome) -> tuple[Event, ...]:
+def _in_order(
+    front_end: FrontEnd, outcome: BackEndOutcome, torn: Sequence[Event]
+) -> tuple[Event, ...]:
     noticed = (event for event in front_end.events() if not _is_withdrawn(event, outcome))
-    happened = (*noticed, *outcome.events)
+    happened = (*noticed, *outcome.events, *torn)
     return tuple(sorted(happened, key=lambda event: event.start_ns))
 
 

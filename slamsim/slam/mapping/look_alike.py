@@ -1,0 +1,78 @@
+"""Sudden steps of the scans at places that look like others: there the robot may have been
+carried, and neither scans nor loops would tell."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from slamsim.config.back_end import BackEndConfig
+from slamsim.core.geometry import transform_points
+from slamsim.core.result import Event, MapGraph
+from slamsim.core.types import FloatArray
+from slamsim.slam.closures.relocalise import Everywhere
+from slamsim.slam.closures.submaps import SIGMA_M
+from slamsim.slam.closures.whole_part import LEAST_PIECES, LEAST_SCORE, MOST_PIECES, SURE_NATS
+from slamsim.slam.frontend.keyframes import Keyframe
+from slamsim.slam.matching.surfaces import X, Y
+
+SEEN_AFTER_M = 3.0
+"""Of the path after a step: about where the same walls are in view as before it."""
+
+
+NEAR_SIGMAS = 3.0
+"""What was seen after a step is held against what was seen before where both know the same wall."""
+
+
+def ambiguous_steps(
+    steps: Iterable[Event],
+    keyframes: Sequence[Keyframe],
+    graph: MapGraph,
+    first: int,
+    config: BackEndConfig,
+) -> tuple[Event, ...]:
+    """The steps, if after each of them the robot was elsewhere as likely as where the map has it:
+    what was seen just after fits what was seen before in several places, or in another one.
+
+    Where it fits in one place alone, the odometry was wrong and not the map: that of such a
+    recording (stamps that jitter, as in aces) makes such steps by itself, and nothing is told.
+    keyframes: of the graph, in their order. first: number of the first one of the drive.
+    """
+    told = []
+    for step in steps:
+        later = (k.index for k in keyframes[first:] if k.stamp_ns >= step.end_ns)
+        number = next(later, None)
+        if not number:
+            continue
+        if not _is_ambiguous(number, keyframes, graph.keyframes.poses, config):
+            return ()
+        told.append(step)
+    return tuple(told)
+
+
+def _is_ambiguous(
+    number: int, keyframes: Sequence[Keyframe], poses: FloatArray, config: BackEndConfig
+) -> bool:
+    reach_m = keyframes[number].path_m + SEEN_AFTER_M
+    after = [k.index for k in keyframes[number:] if k.path_m <= reach_m]
+    before_m, now_m = _points(keyframes, poses, range(number)), _points(keyframes, poses, after)
+    # New walls would fit better wherever the robot has been longer, along any corridor.
+    now_m = now_m[cKDTree(before_m).query(now_m)[0] <= NEAR_SIGMAS * SIGMA_M]
+    now_m = np.random.default_rng(0).permutation(now_m)[:MOST_PIECES]
+    if len(now_m) < LEAST_PIECES:
+        return True
+    before = Everywhere(before_m, config)
+    places = list(before.places(now_m, LEAST_SCORE, SURE_NATS / len(now_m)))
+    if len(places) != 1 or places[0] is None:
+        return True
+    middle = np.append(now_m.mean(axis=0), 0.0)
+    moved = transform_points(places[0][0], middle[None, :2])[0] - middle[:2]
+    return bool(np.hypot(moved[0], moved[1]) > config.closures.ambiguity_distance_m)
+
+
+def _points(keyframes: Sequence[Keyframe], poses: FloatArray, numbers: Iterable[int]) -> FloatArray:
+    """(n, 2) the middles of the pieces of wall that key frames saw, in the map frame."""
+    placed = [transform_points(poses[k], keyframes[k].pieces[:, [X, Y]]) for k in numbers]
+    return np.concatenate(placed) if placed else np.zeros((0, 2))
