@@ -175,7 +175,7 @@ class Bag1Copy(Copy):
     """A ROS 1 bag of this name in a folder."""
 
     format = "ROS 1"
-    first_s, last_s = 0, 2**32 - 1
+    first_s, last_s = 0, 2**31 - 1  # rosbags has the times of messages as signed numbers
 
     def __init__(self, folder: Path, name: str) -> None:
         super().__init__()
