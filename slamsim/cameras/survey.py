@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,13 +71,9 @@ class CameraSurvey:
         looks = look_of[rows]
         seen = np.flatnonzero(looks >= 0)
         per_image = ("stamps_ns", "received_ns", "digests", "numbers")
-        per_look = ("brightness", "depths_m", "thumbnails", "grids_m", "colours")
         kept = {name: getattr(self, name)[rows] for name in per_image}
-        for name in per_look:
-            of_looks = getattr(self, name)
-            kept[name] = of_looks[looks[seen]] if len(of_looks) else of_looks
         damaged = np.flatnonzero(np.isin(rows, self.damaged))
-        return replace(self, sampled=seen, damaged=damaged, **kept)
+        return replace(self, sampled=seen, damaged=damaged, **kept, **self._of_looks(looks[seen]))
 
     def repainted(self, change: PixelChange) -> CameraSurvey:
         """With a change of all pixels, as it shows in what is held of them."""
@@ -90,9 +86,17 @@ class CameraSurvey:
     def cut_short(self, rows: IntArray, kept: float) -> CameraSurvey:
         """With this share of the bytes of images (k,), which cannot be decoded any more."""
         cut = CutShort(frozenset(self.numbers[rows].tolist()), kept)
-        shown = ~np.isin(self.sampled, rows)
-        per_look = ("sampled", "brightness", "depths_m", "thumbnails", "grids_m", "colours")
-        looks = {name: getattr(self, name) for name in per_look}
-        left = {name: each[shown] if len(each) else each for name, each in looks.items()}
-        damaged = np.union1d(self.damaged, rows)
-        return replace(self, damaged=damaged, changes=(*self.changes, cut), **left)
+        shown = np.flatnonzero(~np.isin(self.sampled, rows))
+        return replace(
+            self,
+            sampled=self.sampled[shown],
+            damaged=np.union1d(self.damaged, rows),
+            changes=(*self.changes, cut),
+            **self._of_looks(shown),
+        )
+
+    def _of_looks(self, looks: IntArray) -> dict[str, Any]:
+        """What is held of decoded images, of these (k,) of them."""
+        names = ("brightness", "depths_m", "thumbnails", "grids_m", "colours")
+        held = {name: getattr(self, name) for name in names}
+        return {name: each[looks] if len(each) else each for name, each in held.items()}

@@ -13,8 +13,8 @@ import yaml
 from slamsim.guard.errors import InputRefused
 from slamsim.guard.yaml import parse_yaml
 from slamsim.io.ros.message_types import ros2_types
+from slamsim.io.ros.parts import METADATA
 
-METADATA = "metadata.yaml"
 OFFERED_QOS, TYPE_HASH = "offered_qos_profiles", "topic_type_hash"
 """What rosbag2 writes into the metadata of an MCAP channel."""
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from slamsim.cameras.codecs.depth import DEPTH_HEAD_BYTES
 from slamsim.cameras.codecs.raw import Kind
 from slamsim.cameras.frames import EncodedFrame
 from slamsim.cameras.survey import CameraSurvey
@@ -36,8 +37,6 @@ _GRID_PX = 80
 """Columns of a depth image that are kept: a wall at 3 m still has one every 5 cm."""
 _PATCHES = (8, 6)
 """(columns, rows) over which colours are averaged: surfaces, not details."""
-_DEPTH_HEADER_BYTES = 12
-"""Of compressedDepth, before its PNG."""
 _Seen = tuple[
     float, tuple[float, ...], NDArray[np.uint8], NDArray[np.float32], NDArray[np.float64], bool
 ]
@@ -132,7 +131,7 @@ class _Look:
     def _is_whole(self, content: bytes | memoryview) -> bool:
         """As far as checksums and end marks of PNG and JPEG, or else as many bytes as before,
         tell: nothing is decoded for that."""
-        for begin in (0, _DEPTH_HEADER_BYTES):
+        for begin in (0, DEPTH_HEAD_BYTES):
             data = bytes(content[begin:])
             if data.startswith((PNG_MAGIC, JPEG_MAGIC)):
                 return _has_end(data)

@@ -17,7 +17,7 @@ from typing import Any
 from slamsim.core.types import IntArray
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.yaml import load_yaml
-from slamsim.io.bag2.metadata import METADATA, topics_announced
+from slamsim.io.bag2.metadata import topics_announced
 from slamsim.io.bag2.writer import METADATA_RECORD
 from slamsim.io.copy.changes import (
     Row,
@@ -33,6 +33,7 @@ from slamsim.io.copy.shared_clocks import StampMap, header_topics, stamp_maps, s
 from slamsim.io.copy.writers import Bag1Copy, Bag2Copy, Copy, Message, Spool
 from slamsim.io.input_errors import as_input_errors
 from slamsim.io.ros.bag import Bag, open_bag
+from slamsim.io.ros.parts import METADATA
 from slamsim.io.ros.reader import TRANSFORM_TYPES, description_topic, is_truth, recorded_name
 from slamsim.io.ros.sources import Bag1Source, McapSource
 from slamsim.recording import Recording, TransformEdge

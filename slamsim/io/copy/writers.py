@@ -20,7 +20,6 @@ from rosbags.rosbag1 import Writer as Bag1Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from slamsim.io.bag2.metadata import (
-    METADATA,
     OFFERED_QOS,
     BagFile,
     Topic,
@@ -31,6 +30,7 @@ from slamsim.io.bag2.metadata import (
 )
 from slamsim.io.bag2.writer import MCAP_NAME, described
 from slamsim.io.ros.message_types import normal_type_name, ros2_types
+from slamsim.io.ros.parts import METADATA
 from slamsim.io.ros.sources import Declaration
 from slamsim.io.staged_writer import StagedWriter
 from slamsim.recording.row_store import IN_MEMORY_BYTES, large_files_folder

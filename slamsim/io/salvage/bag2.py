@@ -18,11 +18,12 @@ from mcap.opcode import Opcode
 from slamsim.core.progress import Progress
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.yaml import load_yaml
-from slamsim.io.bag2.metadata import METADATA, BagFile, Topic, bag_metadata, topic_as_declared
+from slamsim.io.bag2.metadata import BagFile, Topic, bag_metadata, topic_as_declared
 from slamsim.io.bag2.sqlite import unpacked_message
 from slamsim.io.bag2.writer import METADATA_RECORD
 from slamsim.io.mcap.reader import MESSAGE_HEAD, RECORD_HEAD
 from slamsim.io.ros.message_types import ros2_types
+from slamsim.io.ros.parts import METADATA
 from slamsim.io.salvage.mcap_filler import McapFiller
 from slamsim.io.salvage.mcap_salvage import McapSalvage, Piece, WholeMcapChunk
 from slamsim.io.salvage.report import Recovered, RecoveryReport, recovered

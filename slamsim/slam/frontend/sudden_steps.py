@@ -65,8 +65,7 @@ class SuddenSteps:
         if sigmas > SUDDEN_SIGMAS and np.hypot(off[0], off[1]) > slid_m + ROUGH_M:
             self._step = _Step(since_ns, prediction.stamp_ns, off)
             return None
-        settled = before is not None and sigmas <= SUDDEN_SIGMAS
-        return _told(before) if before is not None and settled else None
+        return None if before is None or sigmas > SUDDEN_SIGMAS else _told(before)
 
 
 def _told(step: _Step) -> Event:

@@ -21,7 +21,6 @@ from slamsim.slam.matching.surfaces import X, Y
 SEEN_AFTER_M = 3.0
 """Of the path after a step: about where the same walls are in view as before it."""
 
-
 NEAR_SIGMAS = 3.0
 """What was seen after a step is held against what was seen before where both know the same wall."""
 
@@ -67,9 +66,9 @@ def _is_ambiguous(
     places = list(before.places(now_m, LEAST_SCORE, SURE_NATS / len(now_m)))
     if len(places) != 1 or places[0] is None:
         return True
-    middle = np.append(now_m.mean(axis=0), 0.0)
-    moved = transform_points(places[0][0], middle[None, :2])[0] - middle[:2]
-    return bool(np.hypot(moved[0], moved[1]) > config.closures.ambiguity_distance_m)
+    middle_m = now_m.mean(axis=0)
+    moved_m = transform_points(places[0][0], middle_m[None])[0] - middle_m
+    return bool(np.hypot(*moved_m) > config.closures.ambiguity_distance_m)
 
 
 def _points(keyframes: Sequence[Keyframe], poses: FloatArray, numbers: Iterable[int]) -> FloatArray:
