@@ -171,7 +171,7 @@ def _run(
         thread.join(1.0 / _TWISTS_PER_S)
         stamp_ns = loop.status.stamp_ns
         lived_s = (stamp_ns - loop.begun_ns) * 1e-9
-        progress(lived_s, max(lived_s, min(loop.setup.duration_s, 1e6)))
+        progress(lived_s, loop.setup.duration_s)
         if begun is None and lived_s >= (_SETTLED_S if loop.pace.rate else 0.1):
             begun = time.monotonic(), stamp_ns, time.process_time()
         if controls is not None and begun is not None:

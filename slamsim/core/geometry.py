@@ -119,9 +119,15 @@ def slerp_xyzw(start: _FloatArray, end: _FloatArray, fraction: _FloatArray) -> _
     return np.asarray(mixed / np.linalg.norm(mixed, axis=-1, keepdims=True), dtype=np.float64)
 
 
+def parts_xyzw(quat_xyzw: _FloatArray) -> tuple[_FloatArray, _FloatArray, _FloatArray, _FloatArray]:
+    """The four parts, each (...), of quaternions (..., 4)."""
+    quat = np.asarray(quat_xyzw, dtype=np.float64)
+    return quat[..., 0], quat[..., 1], quat[..., 2], quat[..., 3]
+
+
 def yaw_from_xyzw(quat_xyzw: _FloatArray) -> _FloatArray:
     """(...) heading of the rotated x axis in the x-y plane. quat_xyzw: (..., 4)."""
-    x, y, z, w = np.moveaxis(np.asarray(quat_xyzw, dtype=np.float64), -1, 0)
+    x, y, z, w = parts_xyzw(quat_xyzw)
     return np.asarray(np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)))
 
 
@@ -134,13 +140,19 @@ def xyzw_from_yaw(yaw_rad: _FloatArray) -> _FloatArray:
 
 def matrix_from_xyzw(quat_xyzw: _FloatArray) -> _FloatArray:
     """(..., 3, 3) rotation matrices."""
-    x, y, z, w = np.moveaxis(np.asarray(quat_xyzw, dtype=np.float64), -1, 0)
-    rows = [
-        np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], axis=-1),
-        np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], axis=-1),
-        np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=-1),
-    ]
-    return np.stack(rows, axis=-2)
+    x, y, z, w = parts_xyzw(quat_xyzw)
+    # Entry by entry: stacking costs more than the products for the few poses of a live window.
+    rotation = np.empty((*x.shape, 3, 3))
+    rotation[..., 0, 0] = 1 - 2 * (y * y + z * z)
+    rotation[..., 0, 1] = 2 * (x * y - w * z)
+    rotation[..., 0, 2] = 2 * (x * z + w * y)
+    rotation[..., 1, 0] = 2 * (x * y + w * z)
+    rotation[..., 1, 1] = 1 - 2 * (x * x + z * z)
+    rotation[..., 1, 2] = 2 * (y * z - w * x)
+    rotation[..., 2, 0] = 2 * (x * z - w * y)
+    rotation[..., 2, 1] = 2 * (y * z + w * x)
+    rotation[..., 2, 2] = 1 - 2 * (x * x + y * y)
+    return rotation
 
 
 def xyzw_from_matrix(rotation: _FloatArray) -> _FloatArray:

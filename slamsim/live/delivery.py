@@ -84,6 +84,8 @@ class Pace:
         self.windows = self.late = 0
         self.slipped_s = 0.0
         """Real time that was given up because the simulation could not catch up."""
+        self.behind_s = 0.0
+        """Real time by which the last window was later than it was due."""
 
     @property
     def rate(self) -> float | None:
@@ -104,7 +106,7 @@ class Pace:
     def set(self, stamp_ns: int, *, rate: float | None, paused: bool) -> None:
         """Go on from this instant, now, at this rate."""
         self._rate, self._paused = rate, paused
-        self._begun_s, self._begun_ns = time.monotonic(), stamp_ns
+        self._begun_s, self._begun_ns, self.behind_s = time.monotonic(), stamp_ns, 0.0
         self._passed.clear()
         self._passed.append((self._begun_s, stamp_ns))
 
@@ -115,13 +117,14 @@ class Pace:
         self._passed.append((now_s, end_ns))
         while now_s - self._passed[0][0] > _FACTOR_OVER_S:
             self._passed.popleft()
-        behind_s = now_s - self.due_s(end_ns)
-        if self._rate is None or behind_s <= 0.0:
+        self.behind_s = 0.0 if self._rate is None else max(now_s - self.due_s(end_ns), 0.0)
+        if not self.behind_s:
             return False
         self.late += 1
-        if behind_s > SLIP_S:
-            self.slipped_s += behind_s
-            self._begun_s += behind_s
+        if self.behind_s > SLIP_S:
+            self.slipped_s += self.behind_s
+            self._begun_s += self.behind_s
+            self.behind_s = 0.0
         return True
 
     @property

@@ -17,7 +17,7 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.config.sensors import ImuConfig, InertialAxesConfig
-from slamsim.core.geometry import matrix_from_xyzw, xyzw_from_matrix
+from slamsim.core.geometry import matrix_from_xyzw, parts_xyzw, xyzw_from_matrix
 from slamsim.core.randomness import random_stream
 from slamsim.core.types import GRAVITY_M_S2, FloatArray, ImuStream, IntArray
 from slamsim.guard.numbers import require_rigid
@@ -127,8 +127,8 @@ def _conjugated(quats: FloatArray) -> FloatArray:
 
 def _multiplied(a: FloatArray, b: FloatArray) -> FloatArray:
     """Hamilton product of quaternions in x, y, z, w order."""
-    ax, ay, az, aw = np.moveaxis(a, -1, 0)
-    bx, by, bz, bw = np.moveaxis(b, -1, 0)
+    ax, ay, az, aw = parts_xyzw(a)
+    bx, by, bz, bw = parts_xyzw(b)
     return np.stack(
         [
             aw * bx + ax * bw + ay * bz - az * by,

@@ -65,6 +65,7 @@ class DriveRecorder:
         self._name, self._header = name, header
         self._odometry, self._truth = OdometryTail(), TruthTail(header.truth_rate_hz)
         self._last_ns: int | None = None
+        self._fixed = _fixed(header)
 
     @property
     def constants(self) -> dict[str, dict[str, Sequence[float]]]:
@@ -84,11 +85,13 @@ class DriveRecorder:
         stamps_ns = np.concatenate([window.stamps_ns for window in windows])
         ticking = stamps_ns[at_rate(stamps_ns, last_ns, _CLOCK_RATE_HZ)]
         wheels, moving = _wheels(readings, header, self._odometry)
+        at_start = stamps_ns[:1]
+        fixed = (replace(edge, stamps_ns=at_start, received_ns=at_start) for edge in self._fixed)
         recording = Recording(
             name=self._name,
             format="memory",
             streams=(*_scans(readings, header), *_imus(readings), *wheels),
-            transforms=(*moving, *_fixed(header, int(stamps_ns[0]))),
+            transforms=(*moving, *fixed),
             robot_description=header.robot_description,
             clock_ns=np.column_stack([ticking, ticking]),
             epoch=header.epoch,
@@ -233,8 +236,9 @@ def _joined(parts: Sequence[WheelMotion]) -> WheelMotion:
     )
 
 
-def _fixed(header: LogHeader, first_ns: int) -> tuple[TransformEdge, ...]:
-    at_start: IntArray = np.array([first_ns], dtype=np.int64)
+def _fixed(header: LogHeader) -> tuple[TransformEdge, ...]:
+    """The mounts of the robot's sensors, at no time yet."""
+    at_start: IntArray = np.zeros(1, dtype=np.int64)
     return tuple(
         TransformEdge(
             "/tf_static",
