@@ -10,6 +10,7 @@ import numpy as np
 from slamsim.core.geometry import between
 from slamsim.core.types import Cloud, FloatArray
 from slamsim.slam.frontend.kidnap_detection import Surroundings
+from slamsim.slam.frontend.movers import without_mover
 from slamsim.slam.frontend.prediction import Prediction
 from slamsim.slam.matching import Match, Matcher
 
@@ -27,6 +28,10 @@ TAIL_FREEDOM = 3.0
 LIKELY_SHARE, LIKELY_SIGMAS = 0.95, 2.8
 """A match as near the prediction as so many are needs not fit better than the prediction does; in
 three dimensions that is within so many sigmas, if they are honest."""
+
+AGREE_SIGMAS = 1.0
+"""What walks along pulls each match by the same step, which is few sigmas where the odometry is
+unsure. To leave out a thing that stood costs no more than what it tells."""
 
 LEARN_GAIN = 0.1
 PLAIN_SHARE = 0.95
@@ -95,8 +100,10 @@ class MatchSelector:
     ) -> Match | None:
         """The match to believe. T_map_coasting: (3,) where the robot is if it went on as it did."""
         self.doubtful = self.elsewhere = False
-        look = _Look(matcher, cloud, prediction)
         near = matcher.match(cloud, prediction.T_map_base, prediction.covariance)
+        if near is not None:
+            cloud, near = self._without_mover(matcher, cloud, prediction, near)
+        look = _Look(matcher, cloud, prediction)
         if near is not None and not prediction.jump and self._as_usual(near, look):
             self._surroundings.placed(cloud, near.T_map_base)
             self.lost.clear()
@@ -126,6 +133,20 @@ class MatchSelector:
             self.recovered += 1
         self._surroundings.placed(cloud, best.T_map_base)
         return best
+
+    def _without_mover(
+        self, matcher: Matcher, cloud: Cloud, prediction: Prediction, near: Match
+    ) -> tuple[Cloud, Match]:
+        """Whether a match agrees with odometry is asked by its own sigmas here, not by such as
+        scans have shown: a thing that moves would widen them until it is believed."""
+
+        def agrees(match: Match) -> bool:
+            return prediction.distance(match) <= AGREE_SIGMAS
+
+        def match(rest: Cloud) -> Match | None:
+            return matcher.match(rest, prediction.T_map_base, prediction.covariance)
+
+        return without_mover(cloud, near, prediction, agrees, match)
 
     def carried(self) -> bool:
         """Whether the lost scans say that the robot was carried: their odometry jumped, or nothing

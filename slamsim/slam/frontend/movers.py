@@ -1,0 +1,129 @@
+"""A thing that moves by itself: left out where it alone says that the wheels slip.
+
+Along a corridor the walls hold nothing, and a person who walks ahead of the robot looks as if the
+robot stood. Walls do not move and wheels seldom slip: if the scan agrees with the odometry as soon
+as one compact thing is left out, it is that thing which moves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from slamsim.core.geometry import between
+from slamsim.core.types import BoolArray, Cloud, FloatArray
+from slamsim.slam.frontend.prediction import Prediction
+from slamsim.slam.matching import Match
+
+SLOWEST_M_S = 0.2
+"""What people fall below only while they turn or stand. A radius that is 5 % wrong makes less of a
+robot that drives 2 m/s."""
+
+WIDEST_M = 1.0
+"""Of a person with a trolley, of two side by side; a wall of which less is seen tells no slipping
+either, as nothing says that it is none."""
+
+GAP_M, GAP_BEAMS = 0.2, 3.0
+"""Neighbouring beams that end farther apart than this, and than so many beams are there, ended on
+different things."""
+
+ALONE_SHARE = 0.5
+"""Of the information along the step that the odometry denies: the thing tells more than all the
+rest, whose part may be the steps of rounded ranges, which seem to go with the robot."""
+
+MOST_TRIED = 3
+"""Things that most beams meet: who is as near as to blind a robot fills a tenth of its view."""
+
+
+def without_mover(
+    cloud: Cloud,
+    near: Match,
+    prediction: Prediction,
+    agrees: Callable[[Match], bool],
+    match: Callable[[Cloud], Match | None],
+) -> tuple[Cloud, Match]:
+    """The cloud and its match without the thing that moved, or as they are.
+
+    near: the match of the whole cloud. agrees: whether a match lies where odometry has it. match:
+    lays a cloud onto the map from there.
+    """
+    if agrees(near) or not _is_fast(near, prediction):
+        return cloud, near
+    for thing in _compact_things(cloud):
+        rest = _left(cloud, ~thing)
+        found = match(rest)
+        if found is not None and agrees(found) and _loosened(near, found, prediction):
+            return rest, found
+    return cloud, near
+
+
+def _is_fast(near: Match, prediction: Prediction) -> bool:
+    """Whether what the odometry denies is as fast as what walks."""
+    if prediction.odometry is None or prediction.jump:
+        return False
+    step = between(prediction.T_map_base, near.T_map_base)
+    return float(np.hypot(step[0], step[1])) > SLOWEST_M_S * prediction.odometry.seconds
+
+
+def _loosened(near: Match, found: Match, prediction: Prediction) -> bool:
+    """Whether hardly anything but the thing that was left out held what the odometry denies."""
+    step = between(prediction.T_map_base, near.T_map_base)
+    held, still_held = (float(step @ one.information @ step) for one in (near, found))
+    return still_held < ALONE_SHARE * held
+
+
+def _compact_things(cloud: Cloud) -> Iterator[BoolArray]:
+    """(n,) beams on each thing no wider than ``WIDEST_M``, with what stands beside it within that
+    width (legs), the one that most beams meet first."""
+    hits = np.flatnonzero(cloud.hit)
+    if hits.size < 2:
+        return
+    points_m = cloud.points_m[hits]
+    number = _numbered(points_m, cloud.origins_m[hits])
+    count = np.bincount(number)
+    middle_m = np.stack([np.bincount(number, axis) / count for axis in points_m.T], axis=-1)
+    off_m = np.hypot(*(points_m - middle_m[number]).T)
+    reach_m = np.zeros(count.size)
+    np.maximum.at(reach_m, number, off_m)
+    compact = reach_m <= 0.5 * WIDEST_M
+    done = np.zeros(count.size, dtype=np.bool_)
+    tried = 0
+    for one in np.argsort(-count, kind="stable"):
+        if not compact[one] or done[one]:
+            continue
+        beside = np.hypot(*(middle_m - middle_m[one]).T) + reach_m <= 0.5 * WIDEST_M + reach_m[one]
+        together = compact & beside & ~done
+        done |= together
+        thing = np.zeros(cloud.hit.size, dtype=np.bool_)
+        thing[hits] = together[number]
+        yield thing
+        tried += 1
+        if tried == MOST_TRIED:
+            return
+
+
+def _numbered(
+    points_m: FloatArray, origins_m: FloatArray
+) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    """(n,) which thing each of the (n, 2) points is on, one after the other round the robot."""
+    beams_m = points_m - origins_m
+    turn_rad = np.abs(np.diff(np.unwrap(np.arctan2(beams_m[:, 1], beams_m[:, 0]))))
+    apart_m = np.hypot(*np.diff(points_m, axis=0).T)
+    spacing_m = np.hypot(*beams_m[1:].T) * turn_rad
+    is_next = apart_m > np.maximum(GAP_M, GAP_BEAMS * spacing_m)
+    number = np.concatenate([[0], np.cumsum(is_next)])
+    if number[-1] > 0 and np.hypot(*(points_m[0] - points_m[-1])) <= GAP_M:
+        number[number == number[-1]] = 0  # all the way round
+    return np.asarray(number, dtype=np.int64)
+
+
+def _left(cloud: Cloud, kept: BoolArray) -> Cloud:
+    own = cloud.own_beams
+    return Cloud(
+        cloud.stamp_ns,
+        cloud.points_m[kept],
+        cloud.origins_m[kept],
+        cloud.hit[kept],
+        None if own is None else int(kept[:own].sum()),
+    )

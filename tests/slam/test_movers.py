@@ -1,0 +1,108 @@
+"""A person who walks along a corridor ahead of the robot is no sign that its wheels slip."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from simulated import HOKUYO, box, sense_scans
+
+from slamsim.config.slam import FrontEndConfig
+from slamsim.core.types import Cloud, FloatArray, PlanarTrajectory
+from slamsim.models.wheel_gyro import PARAMETERS
+from slamsim.slam.frontend.deskew import deskew
+from slamsim.slam.frontend.match_selection import MatchSelector
+from slamsim.slam.frontend.movers import WIDEST_M, _compact_things
+from slamsim.slam.frontend.prediction import Prediction
+from slamsim.slam.frontend.preintegration import OdometryStep
+from slamsim.slam.matching import Match
+from slamsim.slam.matching.line import LineMatcher
+
+CORRIDOR = box(-60.0, -1.0, 60.0, 1.0)
+SIGMAS = np.array([0.008, 0.008, 0.003])
+STEP_S, STEP_M = 0.03, 0.025
+
+
+def person(ahead_m: float) -> FloatArray:
+    return box(ahead_m - 0.15, -0.2, ahead_m + 0.15, 0.2)
+
+
+def seen(walls: FloatArray, T_map_base: FloatArray, seed: int) -> Cloud:
+    stamps_ns = np.array([0, HOKUYO.duration_ns + 1])
+    still = PlanarTrajectory(stamps_ns, np.stack([T_map_base, T_map_base]))
+    return deskew(sense_scans(walls, still, HOKUYO, 0.01, seed)[0], still, 0, np.eye(4))
+
+
+def placed(walls: FloatArray, walls_before: FloatArray, moved_m: float) -> tuple[Match, Match]:
+    """After odometry of STEP_M and a motion of moved_m: the match that is believed, and the bare
+    one, each relative to the odometry."""
+    matcher, start = LineMatcher(FrontEndConfig()), np.zeros(3)
+    for seed in range(5):
+        matcher.insert(seen(walls_before, start, seed), start)
+    T_map_base = np.array([STEP_M, 0.0, 0.0])
+    step = replace(OdometryStep.none(np.zeros(PARAMETERS)), T_first_last=T_map_base, seconds=STEP_S)
+    covariance = np.diag(np.square(SIGMAS))
+    here = Prediction(
+        *(10**8, T_map_base, covariance, T_map_base, T_map_base, start, False, step, covariance)
+    )
+    cloud = seen(walls, np.array([moved_m, 0.0, 0.0]), 9)
+    bare = matcher.match(cloud, T_map_base, covariance)
+    match = MatchSelector(0.55).place(matcher, cloud, here, T_map_base)
+    assert match is not None and bare is not None
+    return match, bare
+
+
+def test_a_person_who_walks_ahead_does_not_hold_the_robot() -> None:
+    before = np.concatenate([CORRIDOR, person(0.8)])
+    after = np.concatenate([CORRIDOR, person(0.8 + STEP_M)])
+    match, bare = placed(after, before, STEP_M)
+    assert bare.T_map_base[0] < 0.5 * STEP_M, "it does hold a robot that is not warned"
+    assert abs(match.T_map_base[0] - STEP_M) < SIGMAS[0]
+    assert match.degenerate
+
+
+def test_walls_tell_that_wheels_slip() -> None:
+    room = np.concatenate([box(-4.0, -3.0, 4.0, 3.0), person(0.8)])
+    match, bare = placed(room, room, 0.0)
+    assert np.abs(match.T_map_base - bare.T_map_base).max() < 1e-3
+    assert abs(match.T_map_base[0]) < 0.005
+
+
+def test_pillars_that_agree_tell_so_too() -> None:
+    """Each of them is compact; without any one of them the others still say it."""
+    pillars = [box(x - 0.2, y - 0.2, x + 0.2, y + 0.2) for x in (-3.0, 2.0) for y in (-2.5, 3.0)]
+    hall = np.concatenate([box(-40.0, -40.0, 40.0, 40.0), *pillars])
+    match, _ = placed(hall, hall, 0.0)
+    assert abs(match.T_map_base[0]) < 0.01
+
+
+@settings(max_examples=30)
+@given(st.integers(0, 10**6))
+def test_things_are_compact_and_apart(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    boxes = []
+    for _ in range(rng.integers(0, 8)):
+        x_m, y_m = rng.uniform(-5.0, 5.0, 2)
+        if np.hypot(x_m, y_m) > 1.5:
+            size_m = rng.uniform(0.1, 1.5)
+            boxes.append(box(x_m - 0.5 * size_m, y_m - 0.1, x_m + 0.5 * size_m, y_m + 0.1))
+    cloud = seen(np.concatenate([box(-6.0, -6.0, 6.0, 6.0), *boxes]), np.zeros(3), seed)
+    taken = np.zeros(len(cloud.hit), dtype=int)
+    for thing in _compact_things(cloud):
+        points_m = cloud.points_m[thing]
+        apart_m = np.hypot(*(points_m[:, None] - points_m[None]).transpose(2, 0, 1))
+        assert apart_m.max(initial=0.0) <= 2.0 * WIDEST_M
+        assert cloud.hit[thing].all()
+        taken += thing
+    assert taken.max(initial=0) <= 1
+
+
+def test_two_legs_are_one_thing() -> None:
+    legs = [box(0.9, y - 0.06, 1.02, y + 0.06) for y in (-0.15, 0.15)]
+    cloud = seen(np.concatenate([CORRIDOR, *legs]), np.zeros(3), 1)
+    first = next(_compact_things(cloud))
+    y_m = cloud.points_m[first, 1]
+    assert y_m.min() < -0.1 and y_m.max() > 0.1
+    assert np.all(np.abs(cloud.points_m[first, 0] - 0.96) < 0.15)
