@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from slamsim.core.geometry import between
-from slamsim.core.types import BoolArray, Cloud, FloatArray
+from slamsim.core.types import BoolArray, Cloud, FloatArray, IntArray
 from slamsim.slam.frontend.prediction import Prediction
 from slamsim.slam.matching import Match
 
@@ -67,7 +67,7 @@ def _is_fast(near: Match, prediction: Prediction) -> bool:
 
 
 def _loosened(near: Match, found: Match, prediction: Prediction) -> bool:
-    """Whether hardly anything but the thing that was left out held what the odometry denies."""
+    """Whether the thing tells more of what the odometry denies than all the rest."""
     step = between(prediction.T_map_base, near.T_map_base)
     held, still_held = (float(step @ one.information @ step) for one in (near, found))
     return still_held < ALONE_SHARE * held
@@ -103,9 +103,7 @@ def _compact_things(cloud: Cloud) -> Iterator[BoolArray]:
             return
 
 
-def _numbered(
-    points_m: FloatArray, origins_m: FloatArray
-) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+def _numbered(points_m: FloatArray, origins_m: FloatArray) -> IntArray:
     """(n,) which thing each of the (n, 2) points is on, one after the other round the robot."""
     beams_m = points_m - origins_m
     turn_rad = np.abs(np.diff(np.unwrap(np.arctan2(beams_m[:, 1], beams_m[:, 0]))))
