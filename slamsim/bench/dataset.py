@@ -44,7 +44,7 @@ from slamsim.io.bag2.plain_copy import PlainCopy
 from slamsim.process.children import MEMORY
 from slamsim.sensors.scene import Scene
 from slamsim.sim.drive.route import plan_route
-from slamsim.sim.drive.run import bare_step_seconds, drive
+from slamsim.sim.drive.run import DriveRun, bare_step_seconds
 from slamsim.sim.robot.model import build_robot
 from slamsim.world.build import build_world
 
@@ -157,7 +157,7 @@ def _bare_parts(specs: list[SequenceSpec], folder: Path) -> dict[str, float]:
     for spec in specs:
         config, place = spec.config, folder / str(spec.index)
         world, robot = build_world(config.world, config.seed), build_robot(config.robot)
-        windows = list(drive(world, robot, plan_route(world, robot, config.drive), config.drive))
+        windows = list(DriveRun(world, robot, plan_route(world, robot, config.drive), config.drive))
         simulated_s = sum(map(len, windows)) / config.drive.physics.rate_hz
         rays = plain_rays(windows, world.mesh, robot, config)
         scene = Scene(world.mesh, config.sensors.lidar.range_max_m)

@@ -20,7 +20,7 @@ from slamsim.sensors.rig import SensorRig
 from slamsim.sensors.scene import Scene
 from slamsim.sim.drive.legs import Route
 from slamsim.sim.drive.route import plan_route
-from slamsim.sim.drive.run import bare_step_seconds, drive
+from slamsim.sim.drive.run import DriveRun, bare_step_seconds
 from slamsim.sim.robot.model import RobotModel, build_robot
 from slamsim.simulation.simulate import simulate
 from slamsim.slam.frontend.motion import predict_motion
@@ -179,7 +179,7 @@ def _slam(subject: _Subject) -> Figures:
 
 
 def _windows(subject: _Subject) -> Iterable[Drive]:
-    return drive(subject.world, subject.robot, subject.route, subject.config.drive)
+    return DriveRun(subject.world, subject.robot, subject.route, subject.config.drive)
 
 
 def _exhaust(items: Iterable[object]) -> None:

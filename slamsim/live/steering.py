@@ -139,7 +139,7 @@ class Steering:
         rate_rad_s = 0.5 * self._config.drive.limits.max_yaw_rate_rad_s
         turn_s = math.tau / rate_rad_s
         twists = np.array([[0.0, 0.0, rate_rad_s], [turn_s, 0.0, 0.0]])
-        return Route((), twists, 0.0, turn_s, math.inf)
+        return Route((), twists, 0.0, turn_s)
 
     def _back_off(self) -> None:
         """Away from what the lidar does not see, and remember where it is."""
@@ -149,7 +149,7 @@ class Steering:
             rim = self._robot.footprint_radius_m * np.column_stack([np.cos(around), np.sin(around)])
             self._bumps_m.extend(here[:2] + rim)
         twists = np.array([[0.0, BACKING_M_S, 0.0], [_BACKING_S, 0.0, 0.0]])
-        self.driver = RouteDriver(Route((), twists, 0.0, _BACKING_S, math.inf), self._config.drive)
+        self.driver = RouteDriver(Route((), twists, 0.0, _BACKING_S), self._config.drive)
         self._on_route, self._goal_m = False, None
         self.goal = "none" if self.goal == "none" else "not reached"
 

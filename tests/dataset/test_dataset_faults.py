@@ -27,7 +27,7 @@ from slamsim.recording.frames import declared_laser_mounting
 from slamsim.sensors.faults.cameras import CameraFault
 from slamsim.sensors.faults.registry import bundled_faults
 from slamsim.sim.drive.route import plan_route
-from slamsim.sim.drive.run import DriveOutcome, drive
+from slamsim.sim.drive.run import DriveOutcome, DriveRun
 from slamsim.sim.robot.model import build_robot
 from slamsim.world.build import build_world
 from slamsim.world.model import BODY_HIGH_M, BODY_LOW_M
@@ -65,11 +65,11 @@ def one_drive_for_all() -> Iterator[None]:
     config = spec_of().config
     world, robot = build_world(config.world, config.seed), build_robot(config.robot)
     route = plan_route(world, robot, config.drive)
-    run = drive(world, robot, route, config.drive)
+    run = DriveRun(world, robot, route, config.drive)
     driven = Driven(list(run), run.outcome)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(production, "plan_route", lambda *_: route)
-        patch.setattr(production, "drive", lambda *_: driven)
+        patch.setattr(production, "DriveRun", lambda *_: driven)
         yield
 
 

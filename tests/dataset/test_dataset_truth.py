@@ -24,7 +24,7 @@ from slamsim.sensors.rig import SensorRig
 from slamsim.sensors.scene import Scene
 from slamsim.sim.drive.record import START_NS
 from slamsim.sim.drive.route import plan_route
-from slamsim.sim.drive.run import drive
+from slamsim.sim.drive.run import DriveRun
 from slamsim.sim.robot.model import RobotModel, build_robot
 from slamsim.world.build import build_world
 from slamsim.world.model import World
@@ -47,7 +47,7 @@ def driven() -> Driven:
     config = small_spec("drive.physics.window_s=3.3", seconds=25.0).config
     sensors = config.sensors.model_copy(update={"lidar": LIDAR})
     world, robot = build_world(config.world, config.seed), build_robot(config.robot)
-    windows = list(drive(world, robot, plan_route(world, robot, config.drive), config.drive))
+    windows = list(DriveRun(world, robot, plan_route(world, robot, config.drive), config.drive))
     rig = SensorRig(world.mesh, robot, sensors, config.seed, with_truth=True)
     readings = [rig.sense(window) for window in windows]
     surfaces = surfaces_of(world.mesh, LIDAR.range_max_m)
@@ -136,7 +136,7 @@ def test_overlap_of_nothing_is_nothing(driven: Driven) -> None:
 def test_the_drive_on_the_disk_tells_any_instant_as_the_sensors_had_it(sequence: Path) -> None:
     config = small_spec().config
     world, robot = build_world(config.world, config.seed), build_robot(config.robot)
-    windows = drive(world, robot, plan_route(world, robot, config.drive), config.drive)
+    windows = DriveRun(world, robot, plan_route(world, robot, config.drive), config.drive)
     whole = Motion(
         Drive(
             *(

@@ -208,7 +208,7 @@ def test_what_became_of_a_goal_is_told(
     loop, _ = _loop(_config("drive.follow.final_standstill_s=0"), tmp_path)
     monkeypatch.setattr(loop.known, "pose", lambda: np.zeros(3))
     steering = loop.steering
-    steering.go(Route((), np.array([[0.0, 0.1, 0.0], [0.2, 0.0, 0.0]]), 0.02, 0.2, np.inf))
+    steering.go(Route((), np.array([[0.0, 0.1, 0.0], [0.2, 0.0, 0.0]]), 0.02, 0.2))
     goals = [steering.goal]
     for tick in range(200):
         steering.driver.wanted(0.02 * tick, BasePose(0.0, 0.0, 0.0, 0.0, 1.0))
@@ -225,7 +225,7 @@ def test_a_robot_that_tipped_over_does_not_reach_its_goal(
     loop, _ = _loop(_config(), tmp_path)
     robot = LiveRobot(loop.setup.config, loop.setup.world, loop.setup.robot, loop.setup.header)
     monkeypatch.setattr(loop, "_robot", robot)
-    loop.steering.go(Route((), np.array([[0.0, 0.1, 0.0], [9.0, 0.0, 0.0]]), 0.9, 9.0, np.inf))
+    loop.steering.go(Route((), np.array([[0.0, 0.1, 0.0], [9.0, 0.0, 0.0]]), 0.9, 9.0))
     assert loop._described().goal == "driving"
     robot.ended = "the robot tipped over"
     assert loop._described().goal == "not reached"

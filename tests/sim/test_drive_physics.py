@@ -15,7 +15,7 @@ from slamsim.core.types import Drive, EncoderStream, FloatArray
 from slamsim.models.differential_drive import wheel_odometry
 from slamsim.sim.drive.record import START_NS
 from slamsim.sim.drive.route import plan_route
-from slamsim.sim.drive.run import drive
+from slamsim.sim.drive.run import DriveRun
 from slamsim.sim.robot.model import RobotModel, build_robot
 from slamsim.world.model import FloorPatch, World
 
@@ -52,7 +52,7 @@ def _play(
         follow=FollowConfig(standstill_s=0.5, final_standstill_s=0.5),
     )
     robot, world = robot or _robot(), world or hall()
-    run = drive(world, robot, plan_route(world, robot, config), config)
+    run = DriveRun(world, robot, plan_route(world, robot, config), config)
     driven = _join(list(run))
     assert run.outcome.finished, run.outcome
     return driven

@@ -20,7 +20,7 @@ from slamsim.process.children import MEMORY, peak_memory_mb
 from slamsim.process.worker import WorkerDied, Workers
 from slamsim.sim.drive.process import DriveProcess
 from slamsim.sim.drive.route import plan_route
-from slamsim.sim.drive.run import drive
+from slamsim.sim.drive.run import DriveRun
 from slamsim.sim.robot.model import build_robot
 
 CONFIG = DriveConfig.model_validate(
@@ -38,7 +38,7 @@ def children() -> set[int]:
 
 
 def test_the_windows_are_those_of_a_drive_in_this_process() -> None:
-    here = drive(WORLD, ROBOT, ROUTE, CONFIG)
+    here = DriveRun(WORLD, ROBOT, ROUTE, CONFIG)
     told: list[float] = []
     with DriveProcess() as process:
         with pytest.raises(RuntimeError, match="outcome"):

@@ -24,7 +24,7 @@ from slamsim.sim.bullet import pybullet
 from slamsim.sim.drive.legs import Route
 from slamsim.sim.drive.record import START_NS, stamps_ns
 from slamsim.sim.drive.route import plan_route
-from slamsim.sim.drive.run import DriveOutcome, bare_step_seconds, drive
+from slamsim.sim.drive.run import DriveOutcome, DriveRun, bare_step_seconds
 from slamsim.sim.engine import engine_parameters
 from slamsim.sim.robot.model import build_robot
 from slamsim.world.model import FloorPatch, World
@@ -43,7 +43,7 @@ def _small_world(**kwargs: object) -> World:
 def _windows(
     world: World, config: DriveConfig, route: Route | None = None
 ) -> tuple[list[Drive], DriveOutcome]:
-    run = drive(world, ROBOT, route or plan_route(world, ROBOT, config), config)
+    run = DriveRun(world, ROBOT, route or plan_route(world, ROBOT, config), config)
     windows = list(run)
     return windows, run.outcome
 
@@ -101,7 +101,7 @@ def test_stamps_are_exact_after_days() -> None:
 def test_the_same_drive_twice_to_the_last_bit() -> None:
     world, config = _small_world(), DriveConfig(follow=QUICK)
     route = plan_route(world, ROBOT, config)
-    run = drive(world, ROBOT, route, config)
+    run = DriveRun(world, ROBOT, route, config)
     first, second = _digest(list(run)), _digest(list(run))
     other, _ = _windows(_small_world(), config)
     assert first == second == _digest(other)
@@ -110,10 +110,10 @@ def test_the_same_drive_twice_to_the_last_bit() -> None:
 def test_a_drive_is_not_disturbed_by_another_one_beside_it() -> None:
     world, config = _small_world(), DriveConfig(follow=QUICK, physics=PhysicsConfig(window_s=1.0))
     route = plan_route(world, ROBOT, config)
-    alone = _digest(list(drive(world, ROBOT, route, config)))
-    beside = iter(drive(hall(), ROBOT, route, config))
+    alone = _digest(list(DriveRun(world, ROBOT, route, config)))
+    beside = iter(DriveRun(hall(), ROBOT, route, config))
     together = []
-    for window in drive(world, ROBOT, route, config):
+    for window in DriveRun(world, ROBOT, route, config):
         together.append(window)
         next(beside, None)
     assert _digest(together) == alone
@@ -123,7 +123,7 @@ def test_a_drive_given_up_half_way_leaves_no_engine_behind() -> None:
     world, config = _small_world(), DriveConfig(follow=QUICK, physics=PhysicsConfig(window_s=0.5))
     route = plan_route(world, ROBOT, config)
     for _ in range(3):
-        windows = iter(drive(world, ROBOT, route, config))
+        windows = iter(DriveRun(world, ROBOT, route, config))
         next(windows)
         windows.close()  # type: ignore[attr-defined]
     probe = pybullet.connect(pybullet.DIRECT)
@@ -133,7 +133,7 @@ def test_a_drive_given_up_half_way_leaves_no_engine_behind() -> None:
 
 def test_the_outcome_is_not_known_before_the_end() -> None:
     world, config = _small_world(), DriveConfig(follow=QUICK)
-    run = drive(world, ROBOT, plan_route(world, ROBOT, config), config)
+    run = DriveRun(world, ROBOT, plan_route(world, ROBOT, config), config)
     with pytest.raises(RuntimeError, match="last window"):
         _ = run.outcome
 
@@ -159,7 +159,7 @@ def test_progress_is_told_in_seconds() -> None:
     world, config = _small_world(), DriveConfig(follow=QUICK, physics=PhysicsConfig(window_s=2.0))
     told = list[tuple[float, float]]()
     route = plan_route(world, ROBOT, config)
-    run = drive(world, ROBOT, route, config, lambda done, total: told.append((done, total)))
+    run = DriveRun(world, ROBOT, route, config, lambda done, total: told.append((done, total)))
     list(run)
     assert told[0][0] == pytest.approx(2.0)
     assert told[-1] == (run.outcome.duration_s, run.outcome.duration_s)
@@ -214,7 +214,7 @@ def test_a_robot_that_tips_over_is_told_so(tmp_path: Path) -> None:
         route=_twists(tmp_path, "0,1.5,0", "1.5,0,0", "8,0,0"),
     )
     world = hall()
-    run = drive(world, robot, plan_route(world, robot, config), config)
+    run = DriveRun(world, robot, plan_route(world, robot, config), config)
     windows = list(run)
     assert not run.outcome.finished
     assert "tipped over" in run.outcome.reason
@@ -227,7 +227,7 @@ def test_physics_that_fails_ends_the_drive_with_what_was_driven(
 ) -> None:
     config = DriveConfig(follow=QUICK, route=_twists(tmp_path, "0,0.2,0", "5,0,0"))
     world = hall()
-    run = drive(world, ROBOT, plan_route(world, ROBOT, config), config)
+    run = DriveRun(world, ROBOT, plan_route(world, ROBOT, config), config)
     step, count = pybullet.stepSimulation, 0
 
     def failing(client: int) -> None:

@@ -21,7 +21,7 @@ from slamsim.core.types import FloatArray
 from slamsim.guard.errors import InputRefused
 from slamsim.sim.drive.legs import Route
 from slamsim.sim.drive.route import plan_route
-from slamsim.sim.drive.run import drive
+from slamsim.sim.drive.run import DriveRun
 from slamsim.sim.robot.model import build_robot
 from slamsim.world.build import build_world
 from slamsim.world.model import World
@@ -124,7 +124,7 @@ def test_the_robot_stands_and_turns_at_its_stops() -> None:
     follow = FollowConfig(standstill_s=0.1, final_standstill_s=0.1)
     route = RouteConfig(max_path_length_m=4.0)
     config = DriveConfig(stops=stops, follow=follow, route=route)
-    run = drive(_room(), ROBOT, plan_route(_room(), ROBOT, config), config)
+    run = DriveRun(_room(), ROBOT, plan_route(_room(), ROBOT, config), config)
     windows = list(run)
     assert run.outcome.finished, run.outcome
     path_m = np.concatenate([window.positions_m[:, :2] for window in windows])

@@ -14,7 +14,7 @@ from slamsim.core.geometry import wrap_angle
 from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
 from slamsim.sim.drive.route import plan_route
 from slamsim.sim.drive.route_file import PoseRoute, TwistRoute, read_route
-from slamsim.sim.drive.run import drive
+from slamsim.sim.drive.run import DriveRun
 from slamsim.sim.robot.model import build_robot
 
 ROBOT = build_robot(RobotConfig())
@@ -119,7 +119,7 @@ def test_a_square_is_driven_pose_by_pose(tmp_path: Path) -> None:
     world = hall()
     route = plan_route(world, ROBOT, config)
     assert route.length_m == pytest.approx(8.0, abs=0.01)
-    run = drive(world, ROBOT, route, config)
+    run = DriveRun(world, ROBOT, route, config)
     poses = np.vstack([window.trajectory().planar().poses for window in run])
     assert run.outcome.finished, run.outcome
     for x, y in ((2, 0), (2, 2), (0, 2)):

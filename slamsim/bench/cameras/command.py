@@ -41,7 +41,7 @@ from slamsim.sensors.kinds.camera import CameraEntry
 from slamsim.sensors.motion import Motion
 from slamsim.sensors.scene import Scene
 from slamsim.sim.drive.route import plan_route
-from slamsim.sim.drive.run import drive
+from slamsim.sim.drive.run import DriveRun
 from slamsim.sim.robot.model import build_robot
 from slamsim.simulation.simulate import appearance_of, in_pieces
 from slamsim.world.build import build_world
@@ -63,7 +63,7 @@ def measure_speed(config: RunConfig, reporter: Reporter) -> Figures:
     """Real-time factors, and the time of a depth image beside that of its rays alone."""
     world, robot = build_world(config.world, config.seed), build_robot(config.robot)
     route = plan_route(world, robot, config.drive)
-    windows = list(drive(world, robot, route, config.drive))
+    windows = list(DriveRun(world, robot, route, config.drive))
     depth = {"kind": "depth", "encoding": "raw", "lens": _VGA}
     exact = {**depth, "depth": {"is_exact": True}}
     rgbd = {

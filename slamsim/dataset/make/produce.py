@@ -32,7 +32,7 @@ from slamsim.sensors.motion import PoseOverride, joined
 from slamsim.sensors.readings import Readings
 from slamsim.sensors.rig import SensorRig
 from slamsim.sim.drive.route import plan_route
-from slamsim.sim.drive.run import DriveRun, drive
+from slamsim.sim.drive.run import DriveRun
 from slamsim.sim.robot.model import RobotModel, build_robot
 from slamsim.simulation.driven import plain_log
 from slamsim.simulation.header import log_header
@@ -103,7 +103,7 @@ class _PlannedRun:
         seed = config.seed if config.world.seed is None else config.world.seed
         world, robot = _built_world(config.world, seed), _built_robot(config.robot)
         route = plan_route(world, robot, config.drive)
-        run = drive(world, robot, route, config.drive)
+        run = DriveRun(world, robot, route, config.drive)
         return cls(config, faults, sensors, override, world, robot, run)
 
     def moments(self) -> Moments:

@@ -59,15 +59,13 @@ class Leg:
 class Route:
     """Either legs or twists: (n, 3) rows of (t_s, v_m_s, w_rad_s), each held until the next.
 
-    narrowest_m: free radius at the tightest place of the legs, inf for twists. The last twist
-    only tells when the route ends.
+    The last twist only tells when the route ends.
     """
 
     legs: tuple[Leg, ...]
     twists: FloatArray | None
     length_m: float
     duration_estimate_s: float
-    narrowest_m: float
 
 
 def curvature_1_m(line_m: FloatArray) -> FloatArray:

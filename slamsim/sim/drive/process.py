@@ -22,7 +22,7 @@ from slamsim.process.module_process import ModuleProcess, answers
 from slamsim.process.pipe import Ended, packed, read_message
 from slamsim.sim.drive.legs import Route
 from slamsim.sim.drive.record import START_NS
-from slamsim.sim.drive.run import DriveOutcome, drive
+from slamsim.sim.drive.run import DriveOutcome, DriveRun
 from slamsim.sim.robot.model import RobotModel
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class DriveProcess:
         config: DriveConfig,
         progress: Progress = silent,
     ) -> Iterator[Drive]:
-        """The same windows and outcome as ``sim.drive.drive`` gives, byte for byte; once only.
+        """The same windows and outcome as ``DriveRun`` gives, byte for byte; once only.
 
         Raises SlamsimError where the process ends, or is stopped and does not go on.
         """
@@ -112,7 +112,7 @@ def _serve() -> None:
         stream.flush()
 
     with suppress(BrokenPipeError):  # the other end is gone: there is no one to tell
-        run = drive(*cast(_Order, read_message(sys.stdin.buffer)))
+        run = DriveRun(*cast(_Order, read_message(sys.stdin.buffer)))
         try:
             for window in run:
                 tell(window)

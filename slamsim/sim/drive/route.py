@@ -51,7 +51,7 @@ def plan_route(world: World, robot: RobotModel, config: DriveConfig) -> Route:
             raise InputRefused(config.route.file, reason)
         return _twist_route(given.twists, config)
     space = free_space(world, config.route.resolution_m, room_needed_m(robot, config))
-    return _route(_pose_legs(world, space, given, config), world, space, config)
+    return _route(_pose_legs(world, space, given, config), world, config)
 
 
 def route_along(
@@ -61,8 +61,7 @@ def route_along(
     centres_m = space.centres_m(cells)
     line_m = smooth_path(centres_m, space) if len(cells) > 1 else centres_m[[0, 0]]
     legs = [_leg(line_m, space, config, end_yaw_rad)]
-    narrowest_m = float(space.room_at_m(line_m).min())
-    return Route(tuple(legs), None, legs[0].length_m(), _duration_s(legs, config), narrowest_m)
+    return Route(tuple(legs), None, legs[0].length_m(), _duration_s(legs, config))
 
 
 def room_needed_m(robot: RobotModel, config: DriveConfig) -> float:
@@ -80,7 +79,7 @@ def _planned(world: World, config: DriveConfig, needed_m: float, resolution_m: f
         if 2.0 * needed_m > world.clearance_m or resolution_m < 2.0 * FINEST_M:
             raise
         return _planned(world, config, needed_m, 0.5 * resolution_m)
-    return _route(_ways_as_legs(world, space, config, ways), world, space, config)
+    return _route(_ways_as_legs(world, space, config, ways), world, config)
 
 
 def _tour(world: World, space: Space, config: DriveConfig) -> list[IntArray]:
@@ -176,14 +175,13 @@ def _pose_legs(world: World, space: Space, given: PoseRoute, config: DriveConfig
     return legs
 
 
-def _route(legs: list[Leg], world: World, space: Space, config: DriveConfig) -> Route:
+def _route(legs: list[Leg], world: World, config: DriveConfig) -> Route:
     legs = _cut(legs, config)
     if config.stops.every_m is not None:
         rng = random_stream(_seed(world, config.route), "route", "stops")
         legs = _with_stops(legs, config.stops.every_m, config, rng)
     length_m = sum(leg.length_m() for leg in legs)
-    narrowest_m = min(float(space.room_at_m(leg.points_m).min()) for leg in legs)
-    return Route(tuple(legs), None, length_m, _duration_s(legs, config), narrowest_m)
+    return Route(tuple(legs), None, length_m, _duration_s(legs, config))
 
 
 def _cut(legs: list[Leg], config: DriveConfig) -> list[Leg]:
@@ -259,4 +257,4 @@ def _twist_route(twists: FloatArray, config: DriveConfig) -> Route:
     held_s = np.diff(twists[:, 0])
     length_m = float((held_s * np.abs(twists[:-1, 1])).sum())
     rest_s = config.follow.standstill_s + config.follow.final_standstill_s
-    return Route((), twists, length_m, float(twists[-1, 0]) + rest_s, float("inf"))
+    return Route((), twists, length_m, float(twists[-1, 0]) + rest_s)

@@ -41,9 +41,12 @@ class DriveOutcome:
 
 
 class DriveRun:
-    """A drive as an iterable of consecutive windows; each iteration drives anew, identically.
+    """A drive along a route: windows of motion, consecutive and without overlap.
 
-    The physics runs while the windows are taken, so that memory does not grow with the drive.
+    Each iteration drives anew, identically. The physics runs while the windows are taken, so that
+    memory does not grow with the drive. A robot that is stuck, tips over or whose physics fails
+    ends the drive; what was driven so far is yielded, and the outcome tells why. progress is in
+    seconds of simulated time.
     """
 
     def __init__(
@@ -78,21 +81,6 @@ class DriveRun:
             self._outcome = DriveOutcome(
                 loop.pilot.finished, loop.pilot.ended, loop.time_s(), path_length_m
             )
-
-
-def drive(
-    world: World,
-    robot: RobotModel,
-    route: Route,
-    config: DriveConfig,
-    progress: Progress = silent,
-) -> DriveRun:
-    """The drive of a robot along a route: windows of motion, consecutive and without overlap.
-
-    A robot that is stuck, tips over or whose physics fails ends the drive; what was driven so
-    far is yielded, and the outcome tells why. progress is in seconds of simulated time.
-    """
-    return DriveRun(world, robot, route, config, progress)
 
 
 class _RouteLoop:
