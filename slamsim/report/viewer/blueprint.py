@@ -147,31 +147,27 @@ def _seen_from_above(
 def _space_view(view: RunView) -> rrb.Spatial3DView:
     centre, extent_m = map_extent(view)
     size_m = float(max(extent_m))
-    return rrb.Spatial3DView(
-        origin="/",
-        name=SPACE_VIEW,
-        contents=["+ /**", "- /precision/**", "- /plots/**"],
-        spatial_information=rrb.SpatialInformation(target_frame=MAP),
-        line_grid=rrb.LineGrid3D(visible=False),
-        overrides=_HIDDEN,
-        eye_controls=rrb.EyeControls3D(
-            position=(centre[0] - 0.4 * size_m, centre[1] - 0.7 * size_m, 0.7 * size_m),
-            look_target=(centre[0], centre[1], 0.0),
-            eye_up=(0.0, 0.0, 1.0),
-        ),
-    )
+    eye_m = (centre[0] - 0.4 * size_m, centre[1] - 0.7 * size_m, 0.7 * size_m)
+    return _space(MAP, eye_m, (centre[0], centre[1], 0.0), _HIDDEN)
 
 
 def _before_cameras() -> rrb.Spatial3DView:
     """What cameras see, from behind and above them; nothing else says how large the place is."""
+    return _space(BASE, (-2.0, 1.2, 1.2), (1.5, 0.0, 0.0))
+
+
+def _space(
+    frame: str, eye_m: tuple[float, ...], target_m: tuple[float, ...], overrides: Any = None
+) -> rrb.Spatial3DView:
     return rrb.Spatial3DView(
         origin="/",
         name=SPACE_VIEW,
         contents=["+ /**", "- /precision/**", "- /plots/**"],
-        spatial_information=rrb.SpatialInformation(target_frame=BASE),
+        spatial_information=rrb.SpatialInformation(target_frame=frame),
         line_grid=rrb.LineGrid3D(visible=False),
+        overrides=overrides,
         eye_controls=rrb.EyeControls3D(
-            position=(-2.0, 1.2, 1.2), look_target=(1.5, 0.0, 0.0), eye_up=(0.0, 0.0, 1.0)
+            position=eye_m, look_target=target_m, eye_up=(0.0, 0.0, 1.0)
         ),
     )
 

@@ -9,10 +9,9 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from slamsim.core.types import PlanarTrajectory
-from slamsim.guard.output import write_atomic
 from slamsim.report.figures.palette import ESTIMATE
 from slamsim.report.pages.demo import MappedSide, extent_m
-from slamsim.report.viewer.run import APPLICATION
+from slamsim.report.viewer.run import written_recording
 from slamsim.report.viewer.scene import log_lines, log_map
 from slamsim.report.viewer.stage import MAP
 
@@ -22,11 +21,7 @@ _MARGIN = 1.6
 
 def write_sides(path: Path, sides: tuple[MappedSide, MappedSide]) -> None:
     """Write the recording; raises what write_atomic raises."""
-    recording = rr.RecordingStream(APPLICATION, recording_id="-".join(side.key for side in sides))
-    memory = recording.memory_recording()
-    strict_before = rr.strict_mode()
-    rr.set_strict_mode(True)
-    try:
+    with written_recording(path, "-".join(side.key for side in sides)) as recording:
         recording.send_recording_name("The rotation bug")
         recording.log("/", rr.CoordinateFrame(MAP), static=True)
         for side in sides:
@@ -39,9 +34,6 @@ def write_sides(path: Path, sides: tuple[MappedSide, MappedSide]) -> None:
                 log_lines(recording, f"{part}/{side.key}/path", MAP, lines, ESTIMATE, 0.03, 0.05)
                 _log_robot(recording, f"{part}/{side.key}/robot", driven)
         recording.send_blueprint(_side_by_side(sides))
-    finally:
-        rr.set_strict_mode(strict_before)
-    write_atomic(path, memory.drain_as_bytes())
 
 
 def _log_robot(recording: rr.RecordingStream, entity: str, trajectory: PlanarTrajectory) -> None:

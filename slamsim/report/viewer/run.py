@@ -8,7 +8,8 @@ ever on a full disk.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import rerun as rr
@@ -42,6 +43,20 @@ from slamsim.report.viewer.stage import laser_frame, log_scans, log_transforms, 
 APPLICATION = "slamsim"
 
 
+@contextmanager
+def written_recording(path: Path, recording_id: str) -> Iterator[rr.RecordingStream]:
+    """A recording that is written when the block ends well; raises what write_atomic raises."""
+    recording = rr.RecordingStream(APPLICATION, recording_id=recording_id)
+    memory = recording.memory_recording()
+    strict_before = rr.strict_mode()
+    rr.set_strict_mode(True)
+    try:
+        yield recording
+    finally:
+        rr.set_strict_mode(strict_before)
+    write_atomic(path, memory.drain_as_bytes())
+
+
 def write_recording(
     path: Path,
     view: RunView,
@@ -54,11 +69,7 @@ def write_recording(
     images: of cameras, of which those in ``cameras`` are drawn where they are. boxes: as
     ``log_boxes`` takes them, by topics of images. Raises what write_atomic raises.
     """
-    recording = rr.RecordingStream(APPLICATION, recording_id=_identity(view))
-    memory = recording.memory_recording()
-    strict_before = rr.strict_mode()
-    rr.set_strict_mode(True)
-    try:
+    with written_recording(path, _identity(view)) as recording:
         recording.send_recording_name(view.log.name)
         laser = laser_frame(view)
         log_transforms(recording, view, laser)
@@ -76,9 +87,6 @@ def write_recording(
         for topic, things in (boxes or {}).items():
             log_boxes(recording, view, topic, things)
         recording.send_blueprint(blueprint(view, pictures))
-    finally:
-        rr.set_strict_mode(strict_before)
-    write_atomic(path, memory.drain_as_bytes())
 
 
 def _identity(view: RunView) -> str:

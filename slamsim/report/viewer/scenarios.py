@@ -12,9 +12,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from slamsim.core.types import FloatArray
-from slamsim.guard.output import write_atomic
 from slamsim.report.figures.palette import ACCEPTED, ESTIMATE, NEUTRAL, ODOMETRY, SCAN, TRUTH, rgb
-from slamsim.report.viewer.run import APPLICATION
+from slamsim.report.viewer.run import written_recording
 from slamsim.scenarios.base import BodyMotion, ScenarioResult, Solid, TrialScene
 
 _LOOSE = (ODOMETRY, SCAN, ACCEPTED, TRUTH)
@@ -33,18 +32,11 @@ _SINE_OF_VIEW = 0.42
 def write_scenes(path: Path, result: ScenarioResult) -> None:
     """Write the recording of a scenario that has scenes; raises what write_atomic raises."""
     scenes = result.scenes[:_MOST_SCENES]
-    recording = rr.RecordingStream(APPLICATION, recording_id=f"scenario-{result.name}")
-    memory = recording.memory_recording()
-    strict_before = rr.strict_mode()
-    rr.set_strict_mode(True)
-    try:
+    with written_recording(path, f"scenario-{result.name}") as recording:
         recording.send_recording_name(result.title)
         for k, scene in enumerate(scenes):
             _log_scene(recording, f"scene_{k}", scene)
         recording.send_blueprint(_side_by_side(scenes))
-    finally:
-        rr.set_strict_mode(strict_before)
-    write_atomic(path, memory.drain_as_bytes())
 
 
 def _log_scene(recording: rr.RecordingStream, root: str, scene: TrialScene) -> None:
