@@ -46,8 +46,8 @@ class _Asked:
         named = self.world if self.world or self.config else world
         return load_run_config(named, self.config, [*standing, *self.overrides], self.seed)
 
-    def resolved_until_end(self, world: str, seconds: float | None = None) -> RunConfig:
-        """The same with the drive limited as asked; without any limit, to ``seconds``."""
+    def resolved_until_end(self, seconds: float | None = None) -> RunConfig:
+        """That of the labyrinth, its drive limited as asked; without limits, to ``seconds``."""
         limits = []
         if self.path_m is not None:
             limits.append(f"drive.route.max_path_length_m={float(self.path_m)}")
@@ -55,7 +55,7 @@ class _Asked:
         wanted_s = self.seconds if self.seconds is not None or ends else seconds
         if wanted_s is not None:
             limits.append(f"drive.route.max_duration_s={float(wanted_s)}")
-        return self.resolved(world, *limits)
+        return self.resolved("labyrinth", *limits)
 
     def or_standard(self) -> Self:
         """With the standard setting if neither a world nor a configuration was named."""
@@ -207,7 +207,7 @@ def bench(
 def _accuracy(asked: _Asked, seeds: int, workers: int, logs: Path | None, bound: bool) -> None:
     from slamsim.bench.accuracy import AccuracyCampaign, run_accuracy
 
-    resolved = asked.or_standard().resolved_until_end("labyrinth")
+    resolved = asked.or_standard().resolved_until_end()
     first = FIRST_SEED if asked.seed is None else asked.seed
     campaign = AccuracyCampaign(resolved, range(first, first + seeds), workers, logs, bound)
     asked.reporter.result(run_accuracy(campaign, asked.reporter))
@@ -225,7 +225,7 @@ def _matcher(asked: _Asked, recording: Path | None, logs: Path | None) -> None:
     from slamsim.bench.logs import Children, kept_or_temporary, simulated_log
     from slamsim.bench.matcher import basin_rows, measure_matcher
 
-    resolved = asked.or_standard().resolved_until_end("labyrinth")
+    resolved = asked.or_standard().resolved_until_end()
     with (
         kept_or_temporary(logs) as folder,
         Children() as children,
@@ -242,7 +242,7 @@ def _matcher(asked: _Asked, recording: Path | None, logs: Path | None) -> None:
 def _cameras(asked: _Asked) -> None:
     from slamsim.bench.cameras.command import CAMERA_SECONDS, measure_cameras
 
-    resolved = asked.resolved_until_end("labyrinth", CAMERA_SECONDS)
+    resolved = asked.resolved_until_end(CAMERA_SECONDS)
     _show("Cameras", measure_cameras(resolved, asked.reporter), asked)
 
 
@@ -275,7 +275,7 @@ def _peers(asked: _Asked, logs: Path | None) -> None:
     from slamsim.bench.logs import Children, kept_or_temporary, simulated_log
     from slamsim.bench.peers.run import rows_shown, run_peers
 
-    resolved = asked.resolved_until_end("labyrinth", SPEED_SECONDS)
+    resolved = asked.resolved_until_end(SPEED_SECONDS)
     with kept_or_temporary(logs) as folder, Children() as children:
         log = simulated_log(resolved, folder, children)
         figures = run_peers(log, resolved.slam, asked.reporter)
@@ -286,7 +286,7 @@ def _peers(asked: _Asked, logs: Path | None) -> None:
 def _speed(part: str, asked: _Asked, repeats: int) -> None:
     from slamsim.bench.speed import run_bench
 
-    resolved = asked.resolved_until_end("labyrinth", SPEED_SECONDS)
+    resolved = asked.resolved_until_end(SPEED_SECONDS)
     _show("Bench", run_bench(part, resolved, repeats, asked.reporter), asked)
 
 

@@ -46,9 +46,3 @@ class DepthNoiseConfig(Config):
     distortion_table: Path | None = None
     """A measured distortion of depth as Redwood publishes it (S. Choi, Q.-Y. Zhou, V. Koltun,
     "Robust Reconstruction of Indoor Scenes", 2015): a .npy file of 80 x 400 numbers."""
-
-
-D435 = DepthNoiseConfig()
-"""Intel RealSense D435; meant for 848 x 480 and 87 degrees across."""
-D455 = DepthNoiseConfig(baseline_m=0.095)
-"""Intel RealSense D455: nearly twice the baseline, half the error, twice the least distance."""

@@ -12,7 +12,7 @@ import struct
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import cv2
 import numpy as np
@@ -23,7 +23,6 @@ from hypothesis.extra import numpy as arrays
 from lowered_limits import lowered
 
 from slamsim.cameras.codecs.depth import (
-    DEPTH_CODECS,
     DepthCodec,
     DepthImage,
     decode_compressed_depth,
@@ -47,7 +46,7 @@ def depths() -> st.SearchStrategy[DepthImage]:
     return arrays.arrays(np.uint16, shapes, elements=values)
 
 
-@pytest.mark.parametrize("codec", DEPTH_CODECS)
+@pytest.mark.parametrize("codec", get_args(DepthCodec))
 @settings(max_examples=60)
 @given(image=depths())
 def test_depth_comes_back_bit_for_bit(codec: DepthCodec, image: DepthImage) -> None:
@@ -88,7 +87,7 @@ def _words(nibbles: list[int]) -> Iterator[bytes]:
         yield struct.pack("<I", int("".join(f"{n:x}" for n in eight), 16))
 
 
-@pytest.mark.parametrize("codec", DEPTH_CODECS)
+@pytest.mark.parametrize("codec", get_args(DepthCodec))
 def test_what_is_cut_off_is_told(codec: DepthCodec) -> None:
     image = RANDOM.integers(500, 5000, (12, 16), dtype=np.uint16)
     data = encode_depth(image, codec)
@@ -98,7 +97,7 @@ def test_what_is_cut_off_is_told(codec: DepthCodec) -> None:
 
 
 @settings(max_examples=200)
-@given(data=st.binary(max_size=200), codec=st.sampled_from(DEPTH_CODECS))
+@given(data=st.binary(max_size=200), codec=st.sampled_from(get_args(DepthCodec)))
 def test_any_bytes_give_an_image_or_a_reason(data: bytes, codec: DepthCodec) -> None:
     try:
         with lowered(image_pixels=100):
@@ -244,7 +243,7 @@ def test_what_is_no_compressed_depth_is_told(told: str, data: bytes, why: str) -
     "wrong", [np.zeros((2, 2)), np.zeros(4, np.uint16), np.zeros((0, 2), np.uint16)]
 )
 def test_only_16_bit_images_are_encoded(wrong: Any) -> None:
-    for codec in DEPTH_CODECS:
+    for codec in get_args(DepthCodec):
         with pytest.raises(BadNumbers):
             encode_depth(wrong, codec)
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from slamsim.cameras.depth_model import DepthModel, correlated_noise, load_redwood_table
-from slamsim.cameras.depth_settings import D435, D455, DepthNoiseConfig
+from slamsim.cameras.depth_settings import DepthNoiseConfig
 from slamsim.cameras.dots import DotPattern
 from slamsim.cameras.lens import pinhole
 from slamsim.guard.errors import InputRefused, NotFound
@@ -22,6 +22,7 @@ from slamsim.guard.numbers import BadNumbers
 CAMERA = pinhole(848, 480, 87.0)
 SIZE = (CAMERA.height, CAMERA.width)
 EXACT: dict[str, Any] = {"disparity_noise_px": 0.0, "disparity_step_px": 0.0, "fattening_px": 0}
+D435, D455 = DepthNoiseConfig(), DepthNoiseConfig(baseline_m=0.095)
 
 
 def wall(depth_m: float) -> NDArray[np.float32]:

@@ -19,7 +19,6 @@ from slamsim.guard.numbers import BadNumbers
 from slamsim.guard.pictures import require_size
 
 DepthCodec = Literal["png", "rvl", "zstd"]
-DEPTH_CODECS: tuple[DepthCodec, ...] = ("png", "rvl", "zstd")
 DepthImage = NDArray[np.uint16]
 
 _SIZE = struct.Struct("<II")

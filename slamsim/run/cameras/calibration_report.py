@@ -140,11 +140,11 @@ def _lens_number(model: CameraModel, k: int) -> float:
     return float(model.coefficients[place]) if place < len(model.coefficients) else 0.0
 
 
-def is_lens_told(fit: LensFit, camera: int = 0) -> bool:
-    """Whether views differ enough to tell the focal length within some per cent."""
-    focal_px = fit.models[camera].focal_px
-    share = float((fit.lens_sigmas(camera)[:2] / np.abs(focal_px)).max())
-    return share < 0.03 and float(focal_px.max()) < 20.0 * fit.models[camera].width
+def is_lens_told(fit: LensFit) -> bool:
+    """Whether views of the first camera tell the focal length within some per cent."""
+    focal_px = fit.models[0].focal_px
+    share = float((fit.lens_sigmas(0)[:2] / np.abs(focal_px)).max())
+    return share < 0.03 and float(focal_px.max()) < 20.0 * fit.models[0].width
 
 
 def mount_quantities(

@@ -39,25 +39,24 @@ class SpatialSolution:
     covariances: FloatArray
 
 
-def solve_in_space(
-    poses: FloatArray, edges: Sequence[SpatialEdge], held: bool = True
-) -> SpatialSolution:
-    """The solution that false closures and tags do not bend, beginning at poses (n, 4, 4).
+def solve_in_space(poses: FloatArray, edges: Sequence[SpatialEdge]) -> SpatialSolution:
+    """The solution that false closures and tags do not bend, beginning at poses (n, 4, 4), of
+    which the first stays where it is.
 
-    First Cauchy's estimator; then what does not fit is withdrawn, and may come back. held: whether
-    the first pose stays where it is, or edges hold all. Raises SlamsimError where there is none.
+    First Cauchy's estimator; then what does not fit is withdrawn, and may come back. Raises
+    SlamsimError where there is none.
     """
     doubted = np.array([edge.kind in DOUBTED for edge in edges], dtype=np.bool_)
     everything = np.ones(len(edges), dtype=np.bool_)
-    solved = _least_squares(poses, edges, everything, robust=False, held=held)
-    solved = _least_squares(solved, edges, everything, robust=True, held=held)
+    solved = _least_squares(poses, edges, everything, robust=False)
+    solved = _least_squares(solved, edges, everything, robust=True)
     believed = everything
     for patience in PATIENCE:
         off = sigmas_off(solved, edges)
         believed = ~doubted | (off <= patience * WITHDRAW_SIGMAS)
-        solved = _least_squares(solved, edges, believed, robust=False, held=held)
+        solved = _least_squares(solved, edges, believed, robust=False)
     weighed = [replace(e, weight=float(w)) for e, w in zip(edges, believed, strict=True)]
-    covariances = _covariances(solved, edges, believed, held)
+    covariances = _covariances(solved, edges, believed)
     return SpatialSolution(solved, tuple(weighed), covariances)
 
 
@@ -73,9 +72,9 @@ def sigmas_off(poses: FloatArray, edges: Sequence[SpatialEdge]) -> FloatArray:
 
 
 def _least_squares(
-    poses: FloatArray, edges: Sequence[SpatialEdge], used: BoolArray, *, robust: bool, held: bool
+    poses: FloatArray, edges: Sequence[SpatialEdge], used: BoolArray, *, robust: bool
 ) -> FloatArray:
-    graph, initial = _graph(poses, edges, used, robust=robust, held=held), _values(poses)
+    graph, initial = _graph(poses, edges, used, robust=robust), _values(poses)
     before = graph.error(initial)
     try:
         values = gtsam.LevenbergMarquardtOptimizer(graph, initial, _parameters()).optimize()
@@ -89,12 +88,11 @@ def _least_squares(
 
 
 def _graph(
-    poses: FloatArray, edges: Sequence[SpatialEdge], used: BoolArray, *, robust: bool, held: bool
+    poses: FloatArray, edges: Sequence[SpatialEdge], used: BoolArray, *, robust: bool
 ) -> gtsam.NonlinearFactorGraph:
     graph = gtsam.NonlinearFactorGraph()
-    if held:
-        fixed = gtsam.noiseModel.Isotropic.Sigma(6, _ANCHOR_SIGMA)
-        graph.push_back(gtsam.PriorFactorPose3(0, gtsam.Pose3(poses[0]), fixed))
+    fixed = gtsam.noiseModel.Isotropic.Sigma(6, _ANCHOR_SIGMA)
+    graph.push_back(gtsam.PriorFactorPose3(0, gtsam.Pose3(poses[0]), fixed))
     cauchy = gtsam.noiseModel.mEstimator.Cauchy.Create(CAUCHY_SIGMAS)
     for number in np.flatnonzero(used).tolist():
         edge = edges[number]
@@ -110,10 +108,8 @@ def _graph(
     return graph
 
 
-def _covariances(
-    poses: FloatArray, edges: Sequence[SpatialEdge], used: BoolArray, held: bool
-) -> FloatArray:
-    graph, values = _graph(poses, edges, used, robust=False, held=held), _values(poses)
+def _covariances(poses: FloatArray, edges: Sequence[SpatialEdge], used: BoolArray) -> FloatArray:
+    graph, values = _graph(poses, edges, used, robust=False), _values(poses)
     try:
         marginals = gtsam.Marginals(graph, values)
         found = [marginals.marginalCovariance(k)[np.ix_(_ORDER, _ORDER)] for k in range(len(poses))]
