@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+from recording_data import leaves
 from sensing_example import PERFECT_LIDAR, Robot, drive_along, room, windows
 
 from slamsim.config.sensors import SensorsConfig
@@ -26,17 +25,6 @@ FIXED = (
 FILE_ALONE = (".unread", ".anomalies", ".topics")
 """What only a file can say."""
 HEADER = LogHeader("<robot name='r'/>", FIXED, scan_rate_hz=10.0)
-
-
-def leaves(value: object, at: str = "") -> Iterator[tuple[str, object]]:
-    if dataclasses.is_dataclass(value):
-        for field in dataclasses.fields(value):
-            yield from leaves(getattr(value, field.name), f"{at}.{field.name}")
-    elif isinstance(value, tuple):
-        for index, item in enumerate(value):
-            yield from leaves(item, f"{at}[{index}]")
-    else:
-        yield at, value
 
 
 def both(config: SensorsConfig, folder: Path) -> tuple[Recording, Recording]:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from recording_data import leaves
 
 from slamsim.cameras.frames import CameraClaim
 from slamsim.cameras.survey import CameraSurvey
@@ -158,22 +157,6 @@ def _images(topic: str, kind: Literal["colour", "grey", "depth"]) -> CameraSurve
         read_topic=topic,
         numbers=numbers,
     )
-
-
-def leaves(value: object, at: str = "") -> Iterator[tuple[str, object]]:
-    """Every array, number and text of a recording with its place."""
-    if isinstance(value, Recording):
-        for kind in ("scans", "imus", "odometries", "ticks", "joints"):
-            yield from leaves(getattr(value, kind), f".{kind}")
-    if dataclasses.is_dataclass(value):
-        for field in dataclasses.fields(value):
-            if field.name != "streams":
-                yield from leaves(getattr(value, field.name), f"{at}.{field.name}")
-    elif isinstance(value, tuple):
-        for index, item in enumerate(value):
-            yield from leaves(item, f"{at}[{index}]")
-    else:
-        yield at, value
 
 
 def _alike(one: np.ndarray, other: np.ndarray) -> bool:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 
@@ -108,3 +109,19 @@ def recording(seconds: float = 30.0) -> Recording:
             moving,
         ),
     )
+
+
+def leaves(value: object, at: str = "") -> Iterator[tuple[str, object]]:
+    """Every array, number and text of a recording with its place."""
+    if isinstance(value, Recording):
+        for kind in ("scans", "imus", "odometries", "ticks", "joints"):
+            yield from leaves(getattr(value, kind), f".{kind}")
+    if is_dataclass(value):
+        for field in fields(value):
+            if field.name != "streams":
+                yield from leaves(getattr(value, field.name), f"{at}.{field.name}")
+    elif isinstance(value, tuple):
+        for index, item in enumerate(value):
+            yield from leaves(item, f"{at}[{index}]")
+    else:
+        yield at, value
