@@ -208,7 +208,8 @@ class Reporter:
         """A table without a head; where there is no screen, a line for each row."""
         if not self._out.is_screen:
             self.say(title.plain)
-            for line in _aligned(rows):
+            cells = [[" ".join(" ".join(t for t, _ in c).split()) for c in row] for row in rows]
+            for line in aligned(cells):
                 self.say(line)
             return
         table = Table(title=title, show_header=False, title_justify="left")
@@ -228,10 +229,9 @@ class Reporter:
         return self._console if drawn else self._results
 
 
-def _aligned(rows: Sequence[tuple[Cell, ...]]) -> Iterator[str]:
+def aligned(rows: Sequence[Sequence[str]]) -> Iterator[str]:
     """Each row on one line, its cells below those of the row before."""
-    plain = [[" ".join(" ".join(t for t, _ in cell).split()) for cell in row] for row in rows]
-    widths = [max(map(len, column)) for column in zip(*plain, strict=True)]
-    for cells in plain:
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for cells in rows:
         padded = (f"{cell:<{width}}" for cell, width in zip(cells, widths, strict=True))
         yield f"  {'  '.join(padded).rstrip()}"

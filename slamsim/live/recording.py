@@ -15,7 +15,6 @@ from pydantic import Field, model_validator
 from slamsim.config.base import Config
 from slamsim.config.loading import load_model
 from slamsim.config.run import RunConfig
-from slamsim.core.types import Trajectory
 from slamsim.guard.errors import InputRefused
 from slamsim.guard.files import own_file
 from slamsim.guard.output import discard, partial_folder, write_atomic
@@ -30,6 +29,7 @@ from slamsim.simulation.header import LogHeader
 from slamsim.simulation.log_writer import begun_bag
 from slamsim.simulation.own_files import write_config, write_world
 from slamsim.simulation.recorder import TRUTH
+from slamsim.simulation.tails import joined_path
 from slamsim.world.model import World
 
 DRIVE, COMMANDS = "drive.yaml", "commands.csv"
@@ -141,7 +141,7 @@ class DriveRecording:
         if not self._is_whole:
             return
         if self._truth:
-            write_tum(self._partial / "ground_truth.tum", _trajectory(self._truth))
+            write_tum(self._partial / "ground_truth.tum", joined_path(self._truth))
         ticks = f"first_tick: {self._first_tick}\nend_tick: {self._robot.ticks}\n"
         write_atomic(self._partial / DRIVE, ticks.encode())
         rows = [f"{tick},{v_m_s!r},{w!r}" for tick, (v_m_s, w) in self._robot.commands]
@@ -151,11 +151,3 @@ class DriveRecording:
 def _truth_among(streams: Iterable[RawStream]) -> Iterator[RawOdometry]:
     """Kept as it is written: to read it again at the end takes 9 s for a drive of an hour."""
     return (one for one in streams if isinstance(one, RawOdometry) and one.topic == TRUTH)
-
-
-def _trajectory(parts: Sequence[RawOdometry]) -> Trajectory:
-    return Trajectory(
-        np.concatenate([part.stamps_ns for part in parts]),
-        np.concatenate([part.positions_m for part in parts]),
-        np.concatenate([part.quats_xyzw for part in parts]),
-    )

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from slamsim.console.reporter import Reporter
+from slamsim.console.reporter import Reporter, aligned
 from slamsim.io.cameras import is_image_folder
 from slamsim.io.formats import Survey, TopicFacts
 from slamsim.io.open import survey_recording
@@ -131,11 +131,7 @@ def _lines(
     recording = survey.sample
     yield f"{recording.name} ({recording.format}): {_span(survey)}"
     head: tuple[str, ...] = ("topic", "type", "messages", "rate", "frame", "")
-    rows = [head, *(_row(topic, found) for topic in survey.topics)]
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
-        cells = (f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True))
-        yield f"  {'  '.join(cells).rstrip()}"
+    yield from aligned([head, *(_row(topic, found) for topic in survey.topics)])
     yield "Transforms" if frames else "Transforms: none"
     for line in drawn(frames):
         yield f"  {line}"

@@ -24,7 +24,7 @@ from slamsim.recording import (
 from slamsim.recording.schemas import TRANSFORMS
 from slamsim.sensors.readings import Readings, scan_streams
 from slamsim.simulation.header import LogHeader
-from slamsim.simulation.tails import OdometryTail, TruthTail, WheelMotion, at_rate
+from slamsim.simulation.tails import OdometryTail, TruthTail, WheelMotion, at_rate, joined_path
 
 TRUTH, _COMMANDS = "/ground_truth/odom", "/cmd_vel"
 TOPICS = {
@@ -136,11 +136,7 @@ def true_trajectory(windows: Sequence[Drive], header: LogHeader) -> Trajectory:
         last_ns = int(window.stamps_ns[-1])
     if tail.rest is not None:
         parts.append(tail.rest)
-    return Trajectory(
-        np.concatenate([part.stamps_ns for part in parts]),
-        np.concatenate([part.positions_m for part in parts]),
-        np.concatenate([part.quats_xyzw for part in parts]),
-    )
+    return joined_path(parts)
 
 
 def _scans(readings: Sequence[Readings], header: LogHeader) -> tuple[RawScans, ...]:

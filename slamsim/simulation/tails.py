@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from slamsim.core.geometry import matrix_from_xyzw, wrap_angle, xyzw_from_yaw
-from slamsim.core.types import BoolArray, Drive, EncoderStream, FloatArray, IntArray
+from slamsim.core.types import BoolArray, Drive, EncoderStream, FloatArray, IntArray, Trajectory
 from slamsim.models.differential_drive import forward_and_turn, metres_per_tick, poses_along
+from slamsim.recording import RawOdometry
 
 
 def at_rate(stamps_ns: IntArray, previous_ns: int | None, rate_hz: float) -> BoolArray:
@@ -123,6 +125,15 @@ class TruthTail:
         R_base_map = np.swapaxes(matrix_from_xyzw(truth.quats_xyzw), -1, -2)
         linear = np.einsum("nij,nj->ni", R_base_map, truth.linear_velocity_m_s)
         return linear, np.einsum("nij,nj->ni", R_base_map, truth.angular_velocity_rad_s)
+
+
+def joined_path(parts: Sequence[Drive | RawOdometry | Trajectory]) -> Trajectory:
+    """The poses of consecutive parts."""
+    return Trajectory(
+        np.concatenate([part.stamps_ns for part in parts]),
+        np.concatenate([part.positions_m for part in parts]),
+        np.concatenate([part.quats_xyzw for part in parts]),
+    )
 
 
 def _rows(drive: Drive, which: IntArray) -> Drive:

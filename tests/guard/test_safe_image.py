@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import random
-import struct
 import zlib
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from fault_corpus_images import png as packed_png
 from limited_child import run_limited
 from lowered_limits import lowered
 from numpy.typing import NDArray
@@ -18,19 +18,8 @@ from slamsim.guard.errors import InputRefused, NotFound
 from slamsim.guard.pictures import read_gray_image
 
 
-def chunk(kind: bytes, data: bytes) -> bytes:
-    body = kind + data
-    return struct.pack(">I", len(data)) + body + struct.pack(">I", zlib.crc32(body))
-
-
 def png(width: int, height: int, pixels: bytes, depth: int = 8, colour: int = 0) -> bytes:
-    header = struct.pack(">IIBBBBB", width, height, depth, colour, 0, 0, 0)
-    return (
-        b"\x89PNG\r\n\x1a\n"
-        + chunk(b"IHDR", header)
-        + chunk(b"IDAT", zlib.compress(pixels))
-        + chunk(b"IEND", b"")
-    )
+    return packed_png(width, height, zlib.compress(pixels), depth, colour)
 
 
 def some_image(rows: int, columns: int, seed: int = 0) -> NDArray[np.uint8]:

@@ -22,7 +22,7 @@ from slamsim.io.text.tum import write_tum
 from slamsim.recording import RawScans, RawStream, Recording, ScanLayout
 from slamsim.recording.frames import declared_laser_mounting
 from slamsim.sensors.motion import Motion, beam_rays, joined, kept_since
-from slamsim.simulation.tails import TruthTail
+from slamsim.simulation.tails import TruthTail, joined_path
 
 TRUTH_RATE_HZ = 50.0
 """Of poses in the text formats: as often as usual odometry."""
@@ -57,17 +57,9 @@ class TumPaths(StagedWriter):
     def _finish(self) -> None:
         """A recording without odometry has no file of it."""
         rest = [] if self._tail.rest is None else [self._tail.rest.trajectory()]
-        write_tum(self._folder / GROUND_TRUTH, _joined([*self._truth, *rest]))
+        write_tum(self._folder / GROUND_TRUTH, joined_path([*self._truth, *rest]))
         if self._odometry:
-            write_tum(self._folder / ODOMETRY, _joined(self._odometry))
-
-
-def _joined(parts: list[Trajectory]) -> Trajectory:
-    return Trajectory(
-        np.concatenate([part.stamps_ns for part in parts]),
-        np.concatenate([part.positions_m for part in parts]),
-        np.concatenate([part.quats_xyzw for part in parts]),
-    )
+            write_tum(self._folder / ODOMETRY, joined_path(self._odometry))
 
 
 PARQUET, TUM, KITTI, CARMEN = "parquet", "tum", "kitti", "carmen"

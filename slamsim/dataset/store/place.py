@@ -46,6 +46,13 @@ class Location:
         except (FileNotFoundError, IsADirectoryError, NotADirectoryError):
             return None
 
+    def sealed(self, path: str) -> bytes:
+        """The whole file. Raises NotFound where it is missing, DataDamaged as below."""
+        self.require_as_written(path)
+        if (data := self.read(path)) is None:
+            raise NotFound(f"{self.address} has no {path}")
+        return data
+
     def require_as_written(self, path: str) -> None:
         """Raise DataDamaged for a file of a folder that is not as its seal has it.
 

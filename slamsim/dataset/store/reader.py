@@ -24,7 +24,7 @@ from slamsim.dataset.store.images import Frames, ImageTable, frames_of, nearest_
 from slamsim.dataset.store.lazy_table import LazyTable
 from slamsim.dataset.store.place import Location
 from slamsim.dataset.truth.read import SequenceTruth, Span
-from slamsim.guard.errors import NotFound, SlamsimError, shown
+from slamsim.guard.errors import SlamsimError, shown
 from slamsim.guard.files import own_file
 from slamsim.guard.yaml import parse_yaml
 from slamsim.io import LOG, TABLES
@@ -104,11 +104,8 @@ class Sequence:
     def config(self) -> RunConfig:
         """Every setting that it was made with. Raises NotFound where its file is missing."""
         path = f"{self.name}/{CONFIG}"
-        self.place.require_as_written(path)
-        data = self.place.read(path)
-        if data is None:
-            raise NotFound(f"{self.place.address} has no {path}")
-        return RunConfig.model_validate(parse_yaml(data.decode(), Path(path)).data)
+        text = self.place.sealed(path).decode()
+        return RunConfig.model_validate(parse_yaml(text, Path(path)).data)
 
     def _recorded(self, kind: type[_Raw]) -> _Raw:
         name = kind.schema.table

@@ -15,7 +15,6 @@ from slamsim.core.types import Float32Array, FloatArray, Grid, IntArray, Traject
 from slamsim.dataset.store.lazy_table import Cells, LazyTable
 from slamsim.dataset.store.place import Location
 from slamsim.dataset.truth.tables import drive_of
-from slamsim.guard.errors import NotFound
 from slamsim.sensors.motion import Motion
 from slamsim.world.map_server import read_map
 
@@ -135,11 +134,7 @@ class SequenceTruth:
         """
         with tempfile.TemporaryDirectory() as folder:
             for name in ("occupancy.yaml", "occupancy.png"):
-                path = f"{self.name}/truth/{name}"
-                self.place.require_as_written(path)
-                data = self.place.read(path)
-                if data is None:
-                    raise NotFound(f"{self.place.address} has no {path}")
+                data = self.place.sealed(f"{self.name}/truth/{name}")
                 (Path(folder) / name).write_bytes(data)
             return read_map(Path(folder) / "occupancy.yaml")
 
