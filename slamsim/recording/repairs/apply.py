@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from inspect import isfunction, signature
 from math import inf, log
 
 from slamsim.guard.errors import SlamsimError, did_you_mean, shown
@@ -12,65 +13,15 @@ from slamsim.recording.edits.stamps import clock_of
 from slamsim.recording.repairs import cameras, frames, readings, scans, stamps, wheels
 from slamsim.recording.repairs.base import Declaration, Repair
 
+_TAKEN = ["recording", "repair"]
 OPERATIONS: Mapping[str, Declaration] = {
-    "reorder": stamps.reorder,
-    "shift_stamps": stamps.shift_stamps,
-    "rescale_stamps": stamps.rescale_stamps,
-    "undo_clock_step": stamps.undo_clock_step,
-    "restamp_evenly": stamps.restamp_evenly,
-    "stamp_by_receipt": stamps.stamp_by_receipt,
-    "shift_receipt": stamps.shift_receipt,
-    "zero_to_inf": scans.zero_to_inf,
-    "value_to_inf": scans.value_to_inf,
-    "scale_ranges": scans.scale_ranges,
-    "add_to_ranges": scans.add_to_ranges,
-    "drop_beams": scans.drop_beams,
-    "drop_stray_beams": scans.drop_stray_beams,
-    "drop_repeated_scans": scans.drop_repeated_scans,
-    "set_angle_max": scans.set_angle_max,
-    "set_range_limits": scans.set_range_limits,
-    "scale_angles": scans.scale_angles,
-    "angles_to_radians": scans.angles_to_radians,
-    "negate_angles": scans.negate_angles,
-    "scale_beam_times": scans.scale_beam_times,
-    "set_sweep": scans.set_sweep,
-    "set_scan_time": scans.set_scan_time,
-    "turn_with_robot": scans.turn_with_robot,
-    "scale_acceleration": readings.scale_acceleration,
-    "rotate_imu": readings.rotate_imu,
-    "turn_imu": readings.turn_imu,
-    "scale_gyro": readings.scale_gyro,
-    "subtract_gyro_bias": readings.subtract_gyro_bias,
-    "normalise_rotations": readings.normalise_rotations,
-    "drop_broken_poses": readings.drop_broken_poses,
-    "drop_broken_readings": readings.drop_broken_readings,
-    "drop_orientation": readings.drop_orientation,
-    "scale_wheels": wheels.scale_wheels,
-    "scale_lengths": wheels.scale_lengths,
-    "swap_wheels": wheels.swap_wheels,
-    "reverse_wheel": wheels.reverse_wheel,
-    "unwrap_ticks": wheels.unwrap_ticks,
-    "odometry_from_ticks": wheels.odometry_from_ticks,
-    "scale_odometry": wheels.scale_odometry,
-    "remove_odometry_jumps": wheels.remove_odometry_jumps,
-    "twist_from_poses": wheels.twist_from_poses,
-    "add_odometry_transform": frames.add_odometry_transform,
-    "drop_transform": frames.drop_transform,
-    "freeze_static_transform": frames.freeze_static_transform,
-    "rename_frame": frames.rename_frame,
-    "rename_child_frame": frames.rename_child_frame,
-    "reorder_quaternions": frames.reorder_quaternions,
-    "invert_transform": frames.invert_transform,
-    "roll_frame": frames.roll_frame,
-    "set_mounting": frames.set_mounting,
-    "scale_depths": cameras.scale_depths,
-    "scale_focal": cameras.scale_focal,
-    "set_camera_size": cameras.set_camera_size,
-    "drop_repeated_images": cameras.drop_repeated_images,
-    "drop_damaged_images": cameras.drop_damaged_images,
-    "exchange_images": cameras.exchange_images,
+    name: found
+    for module in (stamps, scans, readings, wheels, frames, cameras)
+    for name, found in vars(module).items()
+    if isfunction(found) and name[0] != "_" and [*signature(found).parameters] == _TAKEN
 }
-"""Each gives the edit for what is asked of a recording."""
+"""The public functions of these modules that take a recording and a repair, by name; each gives the
+edit for what is asked of a recording."""
 
 PER_BEAM = ("drop_beams", "value_to_inf")
 """Operations that may come several times on one subject, with other numbers."""
