@@ -36,6 +36,7 @@ from slamsim.live.mapping import MappingProcess
 from slamsim.live.published import SLAM_TOPICS
 from slamsim.live.servers.access import Access
 from slamsim.live.servers.foxglove import FoxgloveServer
+from slamsim.run.live.serving import living
 from slamsim.run.live.world import live_config
 from slamsim.sim.robot.model import build_robot
 from slamsim.simulation.header import log_header
@@ -164,18 +165,17 @@ def _run(
     controls: LoopControls | None,
 ) -> None:
     """Let it live to its end, and measure from when time begins. controls: to send twists by."""
-    thread = threading.Thread(target=loop.run)
-    thread.start()
     begun: tuple[float, int, float] | None = None
-    while thread.is_alive():
-        thread.join(1.0 / _TWISTS_PER_S)
-        stamp_ns = loop.status.stamp_ns
-        lived_s = (stamp_ns - loop.begun_ns) * 1e-9
-        progress(lived_s, loop.setup.duration_s)
-        if begun is None and lived_s >= (_SETTLED_S if loop.pace.rate else 0.1):
-            begun = time.monotonic(), stamp_ns, time.process_time()
-        if controls is not None and begun is not None:
-            controls.drive(0.2, 0.3)
+    with living(loop) as thread:
+        while thread.is_alive():
+            thread.join(1.0 / _TWISTS_PER_S)
+            stamp_ns = loop.status.stamp_ns
+            lived_s = (stamp_ns - loop.begun_ns) * 1e-9
+            progress(lived_s, loop.setup.duration_s)
+            if begun is None and lived_s >= (_SETTLED_S if loop.pace.rate else 0.1):
+                begun = time.monotonic(), stamp_ns, time.process_time()
+            if controls is not None and begun is not None:
+                controls.drive(0.2, 0.3)
     assert begun is not None, "it ended before it began"
     begun_s, begun_ns, begun_cpu_s = begun
     lasted_s = time.monotonic() - begun_s

@@ -11,6 +11,7 @@ import os
 import select
 import signal
 import sys
+import threading
 import time
 from collections.abc import Callable
 from typing import NoReturn
@@ -24,6 +25,8 @@ GRACE_S = 1.5
 _AGAIN_S = 0.2
 _FINISHING = 0
 """No signal has this number: the command has heard, and finishes what it is writing."""
+_finished = threading.Event()
+"""Set in a child that has heard: it ends as one that was stopped."""
 
 
 def supervised(command: Callable[[], int]) -> int:
@@ -50,6 +53,7 @@ def supervised(command: Callable[[], int]) -> int:
 def finish_in_peace() -> None:
     """Called in the child where a signal to stop has come: it is not killed while it finishes,
     unless a second signal comes. Without a supervisor this does nothing."""
+    _finished.set()
     told = signal.set_wakeup_fd(-1)
     if told >= 0:
         os.write(told, bytes([_FINISHING]))
@@ -57,8 +61,9 @@ def finish_in_peace() -> None:
 
 
 def _end(code: int) -> NoReturn:
-    """End the child; once it was stopped, without a wait for what its threads still do."""
-    if code > 128:
+    """End the child; once it was stopped, without a wait for what its threads still do, and without
+    the second or two in which Python takes its modules apart."""
+    if code > 128 or _finished.is_set():
         os._exit(code)
     sys.exit(code)
 

@@ -79,10 +79,21 @@ def servers(hub: Hub, controls: Controls, ports: Ports) -> Iterator[Server]:
 
 
 def run_until_signal(loop: Loop, look: Callable[[], None]) -> bool:
-    """Let the robot live on a thread of its own; whether a signal ended it.
+    """Let the robot live; whether a signal ended it.
 
     look: called now and then. Raises what the loop raises.
     """
+    with _heeding(loop.stop) as heard, living(loop) as thread:
+        while thread.is_alive():
+            thread.join(_LOOK_S)
+            look()
+    return bool(heard)
+
+
+@contextmanager
+def living(loop: Loop) -> Iterator[threading.Thread]:
+    """The thread on which the robot lives. It ends with the block at the latest, before what it
+    writes to is closed. Raises what the loop raises."""
     failures: list[BaseException] = []
 
     def live() -> None:
@@ -92,18 +103,14 @@ def run_until_signal(loop: Loop, look: Callable[[], None]) -> bool:
             failures.append(error)
 
     thread = threading.Thread(target=live, name="slamsim-live")
-    with _heeding(loop.stop) as heard:
-        thread.start()
-        try:
-            while thread.is_alive():
-                thread.join(_LOOK_S)
-                look()
-        finally:
-            loop.stop()
-            thread.join()
+    thread.start()
+    try:
+        yield thread
+    finally:
+        loop.stop()
+        thread.join()
     if failures:
         raise failures[0]
-    return bool(heard)
 
 
 @contextmanager
