@@ -6,7 +6,7 @@ import json
 import shutil
 import subprocess
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 from urllib.request import urlopen
@@ -57,19 +57,22 @@ def browser(profile: Path) -> Iterator[Any]:
     assert CHROMIUM is not None
     words = [CHROMIUM, "--headless=new", "--no-sandbox", "--disable-gpu", "about:blank"]
     words += ["--remote-debugging-port=0", f"--user-data-dir={profile}"]
-    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as process:
+    with (
+        subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as process,
+        ExitStack() as opened,
+    ):
+        opened.callback(process.terminate)  # else a test that fails would wait for it
         assert process.stderr is not None
         told = next(line for line in process.stderr if "DevTools listening" in line)
         port = told.split(":")[-1].split("/")[0]
         with urlopen(f"http://127.0.0.1:{port}/json") as answer:
             page = next(one for one in json.load(answer) if one["type"] == "page")
-        with connect(page["webSocketDebuggerUrl"], max_size=None) as socket:
+        socket = opened.enter_context(connect(page["webSocketDebuggerUrl"], max_size=None))
 
-            def call(method: str, **parameters: object) -> Any:
-                socket.send(json.dumps({"id": 1, "method": method, "params": parameters}))
-                while (answer := json.loads(socket.recv(timeout=60))).get("id") != 1:
-                    pass
-                return answer["result"]
+        def call(method: str, **parameters: object) -> Any:
+            socket.send(json.dumps({"id": 1, "method": method, "params": parameters}))
+            while (answer := json.loads(socket.recv(timeout=60))).get("id") != 1:
+                pass
+            return answer["result"]
 
-            yield call
-        process.terminate()
+        yield call
