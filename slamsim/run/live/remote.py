@@ -62,6 +62,7 @@ def live_remote(
         try:
             with reporter.stage("live") as progress:
                 stopped = run_until_signal(robot, lambda: _tell(robot, reporter, progress))
+            lasted_s = time.monotonic() - robot.begun_s
             _tell(robot, reporter, progress)
             finished, folder = _final_map(robot, process, reporter, stopped=stopped)
         except BaseException:
@@ -70,7 +71,7 @@ def live_remote(
                     kept = robot.known.save(setup.folder, "map")
                     reporter.warn(f"the map as it was known is in {kept}/")
             raise
-    return _numbers(robot, finished, folder)
+    return {"duration_s": lasted_s, **_numbers(robot, finished, folder)}
 
 
 def _final_map(
@@ -101,9 +102,8 @@ def _numbers(
 ) -> dict[str, object]:
     status, checker = robot.status, robot.checker
     return {
-        "duration_s": time.monotonic() - robot.begun_s,
         "messages": robot.received,
-        "scans_mapped": robot.known.placed,
+        "scans_mapped": robot.known.placed if finished is None else len(finished.trajectory),
         "keyframes": status.keyframes if finished is None else finished.keyframes,
         "closures": status.closures if finished is None else finished.closures,
         "checks": 0 if checker is None else checker.checks,
