@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Mapping
 from typing import cast
 
 from slamsim.core.calibrated import calibrated_short
-from slamsim.guard.quantities import as_lengths, as_number, as_size, as_time
+from slamsim.guard.quantities import as_lengths, as_number, as_time, with_unit, words_of
 
 Numbers = Mapping[str, object]
 
@@ -26,76 +25,12 @@ def labelled(values: Numbers, above: str = "") -> dict[str, str]:
     rows: dict[str, str] = {}
     for key, value in values.items():
         if isinstance(value, Mapping):
-            rows.update(labelled(value, f"{above}{_words(key)}, "))
+            rows.update(labelled(value, f"{above}{words_of(key)}, "))
         elif value is not None:
             label, text = with_unit(key, value)
             alike = f"{above}{label}" in rows  # step_rmse_m beside step_rmse_mrad
-            rows[f"{above}{_words(key) if alike else label}"] = text
+            rows[f"{above}{words_of(key) if alike else label}"] = text
     return rows
-
-
-def with_unit(key: str, value: object) -> tuple[str, str]:
-    """The words of a key, and its value with the unit that the key ends in."""
-    if isinstance(value, list | tuple):
-        if any(isinstance(one, Mapping) for one in value):
-            return _words(key), f"{len(value)}, which --json lists"
-        return _words(key), ", ".join(with_unit(key, one)[1] for one in value) or "none"
-    if isinstance(value, bool):
-        return _words(key), "yes" if value else "no"
-    if not isinstance(value, int | float):
-        return _words(key), str(value)
-    for suffix, write in _UNITS.items():
-        if key.endswith(suffix):
-            kept = key if suffix == "_share" else key.removesuffix(suffix)
-            return _words(kept), write(value)
-    return _words(key), f"{value:,}" if isinstance(value, int) else as_number(value)
-
-
-def _words(key: str) -> str:
-    return " ".join(_NAMES.get(word, word) for word in re.split(r"[_ ]+", key))
-
-
-def _in(unit: str, factor: float = 1.0) -> Callable[[float], str]:
-    return lambda value: f"{as_number(factor * value)}{unit}"
-
-
-_NAMES = {
-    **{word: word.upper() for word in ("ate", "rpe", "rmse", "nees", "imu", "cpu", "mcap", "tf")},
-    "iou": "IoU",
-    "rot": "rotation",
-    "trans": "translation",
-}
-"""How words of keys are written."""
-
-_UNITS: dict[str, Callable[[float], str]] = {
-    "_ms_per_scan": _in(" ms per scan"),
-    "_deg_per_m": _in("°/m"),
-    "_rad_per_m": _in(" rad/m"),
-    "_rad_m": _in(" rad/m"),
-    "_per_s": _in(" per second"),
-    "_rad_s2": _in(" rad/s²"),
-    "_m_s2": _in(" m/s²"),
-    "_rad_s": _in(" rad/s"),
-    "_m_s": _in(" m/s"),
-    "_percent": _in(" %"),
-    "_share": _in(" %", 100.0),
-    "_bytes": as_size,
-    "_mrad": _in(" mrad"),
-    "_deg": _in("°"),
-    "_rad": _in(" rad"),
-    "_factor": _in(" ×"),
-    "_km": _in(" km"),
-    "_mm": _in(" mm"),
-    "_ms": _in(" ms"),
-    "_ns": _in(" ns"),
-    "_mb": _in(" MB"),
-    "_hz": _in(" Hz"),
-    "_kg": _in(" kg"),
-    "_m": _in(" m"),
-    "_h": lambda hours: as_time(3600.0 * hours),
-    "_s": as_time,
-}
-"""By the end of a key: how its value is written with the unit; the longest endings first."""
 
 
 def _number(report: Numbers, *keys: str) -> float | None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Callable, Mapping
 
 _UNITS = ("B", "kB", "MB", "GB", "TB", "PB")
 _DIGITS = 4
@@ -76,3 +78,68 @@ def _two(seconds: int, large_s: int, large: str, small_s: int, small: str) -> st
     """In two units, the smaller left out where there is none of it."""
     count, rest = divmod(seconds, large_s)
     return f"{count} {large}" + (f" {rest // small_s} {small}" if rest >= small_s else "")
+
+
+def with_unit(key: str, value: object) -> tuple[str, str]:
+    """The words of a key, and its value with the unit that the key ends in."""
+    if isinstance(value, list | tuple):
+        if any(isinstance(one, Mapping) for one in value):
+            return words_of(key), f"{len(value)}, which --json lists"
+        return words_of(key), ", ".join(with_unit(key, one)[1] for one in value) or "none"
+    if isinstance(value, bool):
+        return words_of(key), "yes" if value else "no"
+    if not isinstance(value, int | float):
+        return words_of(key), str(value)
+    for suffix, write in _BY_ENDING.items():
+        if key.endswith(suffix):
+            kept = key if suffix == "_share" else key.removesuffix(suffix)
+            return words_of(kept), write(value)
+    return words_of(key), f"{value:,}" if isinstance(value, int) else as_number(value)
+
+
+def words_of(key: str) -> str:
+    """``map wall recall`` of ``map_wall_recall``."""
+    return " ".join(_NAMES.get(word, word) for word in re.split(r"[_ ]+", key))
+
+
+def _in(unit: str, factor: float = 1.0) -> Callable[[float], str]:
+    return lambda value: f"{as_number(factor * value)}{unit}"
+
+
+_NAMES = {
+    **{word: word.upper() for word in ("ate", "rpe", "rmse", "nees", "imu", "cpu", "mcap", "tf")},
+    "iou": "IoU",
+    "rot": "rotation",
+    "trans": "translation",
+}
+"""How words of keys are written."""
+
+_BY_ENDING: dict[str, Callable[[float], str]] = {
+    "_ms_per_scan": _in(" ms per scan"),
+    "_deg_per_m": _in("°/m"),
+    "_rad_per_m": _in(" rad/m"),
+    "_rad_m": _in(" rad/m"),
+    "_per_s": _in(" per second"),
+    "_rad_s2": _in(" rad/s²"),
+    "_m_s2": _in(" m/s²"),
+    "_rad_s": _in(" rad/s"),
+    "_m_s": _in(" m/s"),
+    "_percent": _in(" %"),
+    "_share": _in(" %", 100.0),
+    "_bytes": as_size,
+    "_mrad": _in(" mrad"),
+    "_deg": _in("°"),
+    "_rad": _in(" rad"),
+    "_factor": _in(" ×"),
+    "_km": _in(" km"),
+    "_mm": _in(" mm"),
+    "_ms": _in(" ms"),
+    "_ns": _in(" ns"),
+    "_mb": _in(" MB"),
+    "_hz": _in(" Hz"),
+    "_kg": _in(" kg"),
+    "_m": _in(" m"),
+    "_h": lambda hours: as_time(3600.0 * hours),
+    "_s": as_time,
+}
+"""By the end of a key: how its value is written with the unit; the longest endings first."""

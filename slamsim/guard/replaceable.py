@@ -34,7 +34,8 @@ def require_replaceable_folder(final: Path, overwrite: bool) -> None:
         return
     if not (final / WRITTEN_BY_US).is_file():
         raise SlamsimError(
-            f"{final} holds files that slamsim did not write; choose another name for the output"
+            f"{final} holds files that slamsim did not write, which --overwrite does not replace; "
+            "choose another name for the output"
         )
     if not overwrite:
         raise SlamsimError(

@@ -4,12 +4,13 @@ written to ``report.json``."""
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
 
-from slamsim.check.findings import CheckReport
+from slamsim.check.findings import CheckReport, Finding
 from slamsim.check.wording import finding_json, warning
 from slamsim.core.geometry import inverse
 from slamsim.core.landmarks import Landmark
@@ -69,13 +70,20 @@ class RunView:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """What is wrong with the recording itself, a sentence each."""
-        return () if self.checked is None else tuple(map(warning, self.checked.faults))
+        """What is wrong with the recording itself, a sentence each, but for what was told, and
+        done about, when it was read: as many messages of the same stream."""
+        found = () if self.checked is None else self.checked.faults
+        return tuple(warning(fault) for fault in found if not self._is_told(fault))
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """All that may be wrong, the gravest first."""
         return all_weighed(self.result, (*self.doubts, *self.log.warnings))
+
+    def _is_told(self, fault: Finding) -> bool:
+        counted = re.match(r"[\d,]+ of [\d,]+ ", fault.words)
+        begin = f"{fault.subject}: {counted[0]}" if counted else ""
+        return bool(begin) and any(words.startswith(begin) for words in self.log.warnings)
 
     @property
     def begin_ns(self) -> int:

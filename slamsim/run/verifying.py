@@ -11,7 +11,7 @@ from slamsim.console.reporter import Reporter
 from slamsim.core.progress import Progress, silent
 from slamsim.guard.errors import DataDamaged, InputRefused, NotFound
 from slamsim.guard.files import leads_outside
-from slamsim.guard.quantities import as_size
+from slamsim.guard.quantities import as_count, as_size
 from slamsim.guard.seal import (
     SUMS,
     WRITTEN_BY_US,
@@ -39,7 +39,8 @@ class Damage:
 class Verified:
     """What was read. checked_against: the checksums it was compared with, in words.
 
-    files, size_bytes: read. extra: files without a checksum beside them.
+    files, size_bytes: read. extra: files without a checksum beside them. sealed: whether slamsim
+    wrote it, so that its command can do so again.
     """
 
     path: str
@@ -48,6 +49,7 @@ class Verified:
     size_bytes: int
     damaged: tuple[Damage, ...] = ()
     extra: tuple[str, ...] = ()
+    sealed: bool = True
 
     @property
     def whole(self) -> bool:
@@ -154,14 +156,15 @@ def _recording(path: Path) -> Verified:
             raise
         place = ", ".join(filter(None, (str(refusal.path), refusal.where)))
         damage = Damage(place, refusal.reason)
-        return Verified(str(path), "its own checksums", len(names), size_bytes, (damage,))
-    return Verified(str(path), checked_against, len(names), size_bytes)
+        checksums = "its own checksums"
+        return Verified(str(path), checksums, len(names), size_bytes, (damage,), sealed=False)
+    return Verified(str(path), checked_against, len(names), size_bytes, sealed=False)
 
 
 def _tell(found: Verified, reporter: Reporter) -> None:
     rows = {
         "compared with": found.checked_against,
-        "read": f"{found.files:,} files, {as_size(found.size_bytes)}",
+        "read": f"{as_count(found.files, 'file')}, {as_size(found.size_bytes)}",
         "not as written": f"{len(found.damaged):,} of the files" if found.damaged else "nothing",
         "no checksum": f"{len(found.extra):,} more files" if found.extra else "no other file",
     }
@@ -172,5 +175,5 @@ def _tell(found: Verified, reporter: Reporter) -> None:
         reporter.say(f"{name}: it has no checksum, so slamsim did not write it")
     if max(len(found.damaged), len(found.extra)) > _MOST_TOLD:
         reporter.say("There are more; --json lists all.")
-    if not found.whole:
+    if found.sealed and not found.whole:
         reporter.say("Run the command again, or recover intact messages with slamsim recover.")

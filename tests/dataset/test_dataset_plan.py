@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from typed import typed
 
+from slamsim.dataset.recipe import preview
 from slamsim.dataset.recipe.draw import sequence_spec
 from slamsim.dataset.recipe.loading import load_recipe
 from slamsim.dataset.recipe.model import Recipe
@@ -124,6 +125,16 @@ def test_the_contact_sheet_shows_every_world_in_the_colour_of_its_split() -> Non
     tile = image[30:380, :width]
     assert (tile < 100).all(axis=2).sum() > 500  # walls
     assert ((tile[..., 2] > 180) & (tile[..., 0] < 60)).sum() > 50  # the second way
+
+
+def test_the_contact_sheet_tells_in_words_what_was_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    written = list[str]()
+    monkeypatch.setattr(preview, "write_text", lambda _, text, *__: written.append(text))
+    text = TINY.model_dump(mode="json")
+    text["worlds"][0]["vary"]["maze.cell_m"] = {"uniform": [2.0, 2.0]}
+    contact_sheet(Recipe.model_validate(text), 1)
+    drawn = ", ".join(written)
+    assert "cell 2 m" in drawn and "clutter per cell 0." in drawn and "random goals, 12 s" in drawn
 
 
 def test_a_world_that_cannot_be_built_is_told_on_its_tile() -> None:

@@ -97,7 +97,11 @@ def test_what_slamsim_did_not_write_is_never_replaced(tmp_path: Path) -> None:
     (tmp_path / "thesis" / "chapter1").touch()
     (tmp_path / "file").touch()
     (tmp_path / "link").symlink_to(tmp_path / "thesis")
-    for name, words in [("thesis", "did not write"), ("file", "not a folder"), ("link", "folder")]:
+    for name, words in [
+        ("thesis", "not write, which --overwrite does"),
+        ("file", "not a folder"),
+        ("link", "folder"),
+    ]:
         with pytest.raises(SlamsimError, match=words):
             run_of(tmp_path / name, "x", overwrite=True)
     assert (tmp_path / "thesis" / "chapter1").exists()

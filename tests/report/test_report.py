@@ -163,6 +163,22 @@ def test_strings_from_files_stay_text(run: RunView) -> None:
     assert " ".join(Page(page).text).count(evil) >= 9
 
 
+def test_what_reading_told_and_mended_is_not_told_again(run: RunView) -> None:
+    faults = [
+        Finding("time.step", "FLASER", "fault", f"{words} stamps lie before", "stamps_backward")
+        for words in ("631 of 13,631", "9 of 13,631")
+    ]
+    read = "FLASER: 631 of 13,631 scans are stamped before the one above: sorted"
+    view = replace(
+        run,
+        log=replace(run.log, warnings=(read,)),
+        checked=CheckReport("intel", tuple(faults)),
+    )
+    assert [words.count("of 13,631") for words in view.doubts] == [1]
+    assert "9 of 13,631" in view.doubts[0]
+    assert sum("631 of 13,631 " in words for words in view.warnings) == 1
+
+
 def test_relations_are_shown_with_their_spread(run: RunView) -> None:
     part = RelationStatistics(1234, 0.0456, 0.0123, 0.789, 0.456)
     relations = RelationScores(all=part, near=part, far=None, skipped=7)

@@ -140,10 +140,16 @@ def test_of_a_recording_it_says_what_its_checksums_vouch_for(
     assert re.search(words, found.checked_against), found.checked_against
 
 
-def test_a_cut_or_altered_recording_is_damaged(tmp_path: Path) -> None:
+def test_a_cut_or_altered_recording_is_damaged(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = carmen(tmp_path / "a.clf.gz", gzip.compress)
     path.write_bytes(path.read_bytes()[:-1])
     assert "cut off" in str(named(path))
+    assert not verify_and_tell(str(path), Reporter())
+    told = capsys.readouterr().out
+    # slamsim did not write it: no command of ours makes it again.
+    assert "cut off" in told and "Run the command again" not in told
     path = as_mcap(tmp_path / "a.mcap", Robot(ROS2).drive(), CompressionType.ZSTD)
     data = bytearray(path.read_bytes())
     data[len(data) // 3] ^= 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Mapping, Sequence
 
@@ -11,8 +12,9 @@ from slamsim.core.progress import Progress, silent
 from slamsim.core.types import FloatArray
 from slamsim.dataset.recipe.draw import sequence_spec
 from slamsim.dataset.recipe.model import Recipe
-from slamsim.dataset.recipe.sequence import SequenceSpec, Split
+from slamsim.dataset.recipe.sequence import Cell, SequenceSpec, Split
 from slamsim.guard.errors import SlamsimError
+from slamsim.guard.quantities import with_unit, words_of
 from slamsim.sim.drive.legs import Route
 from slamsim.sim.drive.pilot import stop_at_s
 from slamsim.sim.drive.route import plan_route
@@ -35,6 +37,7 @@ _LATER: Colour = (225, 215, 205)
 _PICTURE_PX, _TILE_PX, _BAND_PX, _GAP_PX = 360, 400, 22, 10
 _LINE_PX, _LETTERS, _LINES, _SCALE = 15, 62, 10, 0.38
 """Of the text below a tile: height of a line, letters in it, lines, and scale of the font."""
+_SECTION = r"^world\.(maze\.|rooms\.)?"
 _CREEP_M_S = 0.05
 """Least speed that a planned path is taken to be driven with, so that its end is reached."""
 
@@ -84,7 +87,7 @@ def _tile(specs: Sequence[SequenceSpec], world: World | SlamsimError, longest_m:
     tile: Image = np.full((height, _TILE_PX, 3), 255, dtype=np.uint8)
     first = specs[0]
     tile[:_BAND_PX, : _TILE_PX - _GAP_PX] = _SPLIT[first.split]
-    title = f"{first.split}   world {first.world_index}   {first.drawn['world']}"
+    title = f"{first.split}   world {first.world_index}   {_in_words(first.drawn['world'])}"
     write_text(tile, title, (6, _BAND_PX - 7), 0.45)
     words = [(text, _WHITE) for text in _told(first)]
     try:
@@ -148,21 +151,26 @@ def _driven(route: Route, time_s: float) -> tuple[FloatArray, int]:
 
 
 def _told(spec: SequenceSpec) -> list[str]:
-    """What the world was drawn with: keys without their layout, numbers in three digits."""
+    """What the world was drawn with, in words, no number apart from its unit."""
+    drawn = {key: cell for key, cell in spec.drawn.items() if key.startswith("world.")}
     parts = (
-        f"{key.removeprefix('world.').removeprefix('maze.').removeprefix('rooms.')} "
-        f"{f'{value:.3g}' if isinstance(value, float) else value}"
-        for key, value in spec.drawn.items()
-        if key.startswith("world.")
+        " ".join(with_unit(re.sub(_SECTION, "", key).replace(".", "_"), _in_words(cell)))
+        for key, cell in drawn.items()
     )
-    return textwrap.wrap(", ".join(parts), _LETTERS)
+    kept_whole = ", ".join(part.replace(" ", "\N{NO-BREAK SPACE}") for part in parts)
+    return [line.replace("\N{NO-BREAK SPACE}", " ") for line in textwrap.wrap(kept_whole, _LETTERS)]
+
+
+def _in_words(cell: Cell) -> Cell:
+    return words_of(cell) if isinstance(cell, str) else cell
 
 
 def _caption(spec: SequenceSpec) -> list[str]:
     """A line on the drive, and one on the faults if there are any."""
     named = (str(spec.drawn[key]) for key in ("robot", "sensors.lidar") if key in spec.drawn)
     duration = f"{spec.config.drive.route.max_duration_s:g} s"
-    lines = [f"{spec.index:06d} {', '.join((str(spec.drawn['drive']), duration, *named))}"]
+    drive = _in_words(spec.drawn["drive"])
+    lines = [f"{spec.index:06d} {', '.join((str(drive), duration, *named))}"]
     if spec.config.faults:
         lines.append(f"       {' + '.join(choice.name for choice in spec.config.faults)}")
     return [line[:_LETTERS] for line in lines]

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 from slamsim.console.reporter import Reporter
-from slamsim.console.summary import with_unit
 from slamsim.dataset.catalogue.statistics import read_manifest, statistics
 from slamsim.dataset.catalogue.verify import Verification, verify
 from slamsim.dataset.make.identity import IDENTITY, RECIPE
@@ -23,7 +22,7 @@ from slamsim.dataset.recipe.plan import Plan, plan
 from slamsim.dataset.recipe.preview import contact_sheet
 from slamsim.dataset.store.place import Location
 from slamsim.guard.errors import InputRefused, SlamsimError, shown
-from slamsim.guard.quantities import as_number, as_size, as_time
+from slamsim.guard.quantities import as_number, as_size, as_time, with_unit
 from slamsim.guard.yaml import parse_yaml
 from slamsim.run.naming import loaded, output_file
 
