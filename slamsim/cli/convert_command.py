@@ -9,8 +9,7 @@ from typing import Annotated
 
 import typer
 
-from slamsim.cli.common import Reporter
-from slamsim.console.options import Overwrite
+from slamsim.console.options import Json, Overwrite, Quiet
 
 EPILOG = "Example: slamsim convert my_rosbag2/ images/ --to tum"
 
@@ -23,7 +22,6 @@ class Target(StrEnum):
 
 
 def convert(
-    reporter: Reporter,
     source: Annotated[
         Path,
         typer.Argument(help="A recording with camera images, or a folder of them."),
@@ -33,10 +31,14 @@ def convert(
         Target, typer.Option("--to", help="TUM RGB-D (colour and depth) or EuRoC (cameras, IMU).")
     ] = Target.TUM,
     overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
 ) -> None:
     """Write camera images as a folder of TUM RGB-D or EuRoC, with cameras and the true path."""
+    from slamsim.console.reporter import Reporter
     from slamsim.run.naming import output_folder
 
+    reporter = Reporter(quiet=quiet, as_json=as_json)
     with output_folder(out, "", overwrite=overwrite, inputs=(source,)):
         from slamsim.io.cameras.converting import convert_images
 

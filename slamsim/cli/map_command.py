@@ -8,13 +8,20 @@ from typing import Annotated
 
 import typer
 
-from slamsim.cli.common import Reporter, Selection, close_run, loaded_config
+from slamsim.cli.common import close_run, loaded_config, selection
 from slamsim.console.options import (
+    BaseFrame,
+    CloudHeight,
     ConfigFile,
     DriveSeed,
+    ImuTopic,
+    Json,
+    OdomTopic,
     Out,
     Overwrite,
+    Quiet,
     Relations,
+    ScanTopic,
     Seed,
     Set,
     Verbose,
@@ -102,7 +109,6 @@ Earlier = Annotated[
 
 
 def map_(
-    reporter: Reporter,
     source: Source = "labyrinth",
     out: Out = None,
     seed: Seed = None,
@@ -110,8 +116,11 @@ def map_(
     set_: Set = None,
     config: ConfigFile = None,
     relations: Relations = None,
-    *,
-    wanted: Selection,
+    scan_topic: ScanTopic = None,
+    odom_topic: OdomTopic = "",
+    imu_topic: ImuTopic = "",
+    base_frame: BaseFrame = "",
+    cloud_height: CloudHeight = "",
     tags: Tags = "",
     without: Without = "",
     intrinsics: Intrinsics = "",
@@ -123,10 +132,14 @@ def map_(
     start: Start = None,
     overwrite: Overwrite = False,
     verbose: Verbose = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
 ) -> Path:
     """Map a world or a recording, and evaluate the map."""
+    from slamsim.console.reporter import Reporter
     from slamsim.run.naming import is_recording, output_folder, recording_name
 
+    reporter = Reporter(quiet=quiet, as_json=as_json)
     recorded = is_recording(source)
     set_ = [*(set_ or ()), *_asked(tags, labels, calibration, places=places, obstacles=obstacles)]
     loaded = loaded_config(None if recorded else source, config, set_, seed, drive_seed=drive_seed)
@@ -150,7 +163,7 @@ def map_(
                 without=without,
                 intrinsics=intrinsics,
                 relations=relations,
-                wanted=wanted,
+                wanted=selection(scan_topic, odom_topic, imu_topic, base_frame, cloud_height),
                 earlier=chosen_earlier(earlier, start),
                 overwrite=overwrite,
             )
@@ -188,7 +201,6 @@ def _asked(
 
 
 def localise(
-    reporter: Reporter,
     source: Annotated[Path, typer.Argument(help="A recording.")],
     known: Annotated[
         Path, typer.Option("--in", help="The map: folder of a mapped run, or a ROS map.yaml.")
@@ -197,14 +209,21 @@ def localise(
     out: Out = None,
     set_: Set = None,
     config: ConfigFile = None,
-    *,
-    wanted: Selection,
+    scan_topic: ScanTopic = None,
+    odom_topic: OdomTopic = "",
+    imu_topic: ImuTopic = "",
+    base_frame: BaseFrame = "",
+    cloud_height: CloudHeight = "",
     overwrite: Overwrite = False,
     verbose: Verbose = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
 ) -> Path:
     """Localise a recording in a finished map."""
+    from slamsim.console.reporter import Reporter
     from slamsim.run.naming import output_folder, recording_name
 
+    reporter = Reporter(quiet=quiet, as_json=as_json)
     loaded = loaded_config(None, config, set_, None)
     name = f"{recording_name(str(source))}_in_{known.resolve().name}"
     inputs = (source, known, *loaded.files)
@@ -219,7 +238,7 @@ def localise(
             folder,
             reporter,
             start=start_pose(start),
-            wanted=wanted,
+            wanted=selection(scan_topic, odom_topic, imu_topic, base_frame, cloud_height),
             overwrite=overwrite,
         )
     close_run(reporter, report, folder, verbose=verbose)

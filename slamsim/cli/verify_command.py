@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from slamsim.cli.common import Reporter
+from slamsim.console.options import Json, Quiet
 from slamsim.guard.errors import DataDamaged
 
 EPILOG = (
@@ -16,7 +16,6 @@ EPILOG = (
 
 
 def verify(
-    reporter: Reporter,
     place: Annotated[
         str,
         typer.Argument(
@@ -25,9 +24,12 @@ def verify(
             show_default=False,
         ),
     ],
+    quiet: Quiet = False,
+    as_json: Json = False,
 ) -> None:
     """Compare files with their checksums, and list files without one."""
+    from slamsim.console.reporter import Reporter
     from slamsim.run.verifying import verify_and_tell
 
-    whole = verify_and_tell(place, reporter)
+    whole = verify_and_tell(place, Reporter(quiet=quiet, as_json=as_json))
     raise typer.Exit(0 if whole else DataDamaged.exit_code)
