@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_faults import CAMERAS, differences, example, leaves
+from recording_data import leaves
+from test_faults import CAMERAS, differences, example
 
 from slamsim.core.geometry import matrix_from_rpy, se3_from_parts
 from slamsim.core.types import FloatArray
