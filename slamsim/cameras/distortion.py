@@ -8,6 +8,7 @@ which is OpenCV's. Points of the image plane are called distorted: multiplied by
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -123,8 +124,9 @@ class BrownConrady:
     def _is_unfolded(self, plane: FloatArray) -> BoolArray:
         xx, xy, yy = self._jacobian(plane)
         radii = np.hypot(plane[:, 0], plane[:, 1])
-        return np.asarray((radii < self._fold_radius()) & (xx * yy - xy * xy > 0.0) & (xx + yy > 0))
+        return np.asarray((radii < self._fold_radius) & (xx * yy - xy * xy > 0.0) & (xx + yy > 0))
 
+    @cached_property
     def _fold_radius(self) -> float:
         """The least radius at which a larger one does not lie farther out any more, or inf."""
         above, below = self._polynomials()
@@ -137,7 +139,7 @@ class BrownConrady:
     def _start(self, distorted: FloatArray) -> FloatArray:
         """(n, 2) the radial distortion alone taken back, by a table."""
         radii = np.hypot(distorted[:, 0], distorted[:, 1])
-        fold = min(self._fold_radius(), _WIDEST)
+        fold = min(self._fold_radius, _WIDEST)
         farthest, needed = min(1.0, fold), float(radii.max(initial=0.0))
         while farthest < fold and farthest * self._gain(np.array(farthest**2))[0] < needed:
             farthest = min(2.0 * farthest, fold)
@@ -165,7 +167,7 @@ class KannalaBrandt:
     def is_seen(self, points_m: FloatArray) -> BoolArray:
         across = np.hypot(points_m[:, 0], points_m[:, 1])
         somewhere = (across > 0.0) | (points_m[:, 2] > 0.0)
-        return np.asarray(somewhere & (np.arctan2(across, points_m[:, 2]) < self._fold_rad()))
+        return np.asarray(somewhere & (np.arctan2(across, points_m[:, 2]) < self._fold_rad))
 
     def rays(self, distorted: FloatArray) -> FloatArray:
         radii = np.hypot(distorted[:, 0], distorted[:, 1])
@@ -175,7 +177,7 @@ class KannalaBrandt:
 
     def _angles_rad(self, radii: FloatArray) -> FloatArray:
         """(n,) angles to the axis whose images lie so far from the middle; nan for none."""
-        polynomial, fold_rad = self._polynomial(), self._fold_rad()
+        polynomial, fold_rad = self._polynomial(), self._fold_rad
         table_rad = np.linspace(0.0, fold_rad, _TABLE)
         angles_rad = np.interp(radii, np.polyval(polynomial, table_rad), table_rad)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -193,6 +195,7 @@ class KannalaBrandt:
         k1, k2, k3, k4 = self.coefficients
         return np.array([k4, 0.0, k3, 0.0, k2, 0.0, k1, 0.0, 1.0, 0.0])
 
+    @cached_property
     def _fold_rad(self) -> float:
         """The least angle beyond which a larger one does not lie farther out; at most pi."""
         k1, k2, k3, k4 = self.coefficients
