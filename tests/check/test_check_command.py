@@ -188,9 +188,9 @@ def test_odd_recordings_get_verdicts(name: str) -> None:
 
 
 def test_many_messages_are_checked_in_arrays() -> None:
-    """A million samples, without a loop over them."""
+    """A hundred thousand samples."""
     long = recording(1.0)
-    when = stamps(1000.0, 1000.0)
+    when = stamps(1000.0, 100.0)
     readings = np.random.default_rng(0).normal([0.0, 0.0, 9.81], 0.01, (when.size, 3))
     imu = replace(
         long.imus[0],

@@ -49,8 +49,8 @@ def covariance(piece: FloatArray) -> FloatArray:
     return np.asarray(across + ALONG_M**2 * np.outer(tangent, tangent))
 
 
-@settings(max_examples=40)
-@given(seed=st.integers(0, 10**6), count=st.integers(2, 40), size_m=st.floats(0.05, 2.0))
+@settings(max_examples=25)
+@given(seed=st.integers(0, 10**6), count=st.integers(2, 20), size_m=st.floats(0.05, 2.0))
 def test_entropy_is_that_of_all_pairs_of_different_scans(
     seed: int, count: int, size_m: float
 ) -> None:
@@ -144,10 +144,10 @@ def told(robot: Robot, calibration: Calibration, stream: Stream) -> Crispness:
     ("robot", "missing", "stream", "true_s"),
     [
         (Robot(), "", "gyro", 0.0),
-        (Robot(lidar_late_s=0.03), "", "gyro", -0.03),
         (Robot(gyro_late_s=0.02), "wheels", "gyro", 0.02),
-        (Robot(wheels_late_s=0.05), "gyro", "wheel", 0.05),
         (Robot(lidar_late_s=-0.02), "", "wheel", 0.02),
+        pytest.param(Robot(lidar_late_s=0.03), "", "gyro", -0.03, marks=pytest.mark.slow),
+        pytest.param(Robot(wheels_late_s=0.05), "gyro", "wheel", 0.05, marks=pytest.mark.slow),
     ],
 )
 def test_a_true_offset_is_where_the_map_is_crispest(

@@ -20,15 +20,14 @@ from slamsim.check.calibration.distance_unit import (
 )
 from slamsim.check.calibration.joint import calibrate_inputs
 from slamsim.check.check import check_recording
+from slamsim.check.findings import CheckReport
 from slamsim.check.motion.integrated import integrated_wheels
 from slamsim.recording import RawOdometry, Recording
 from slamsim.recording.repairs.apply import apply_repairs
 from slamsim.sensors.faults.registry import load_fault
 
-RANGES = ("range_feet", "range_inches", "range_millimetres_throughout")
-ODOMETRY = ("wheels_centimetres", "wheels_millimetres")
 
-
+@cache
 def damaged(name: str) -> Recording:
     return load_fault(name).inject(healthy(), np.random.default_rng(0))
 
@@ -42,10 +41,24 @@ def usual() -> set[str]:
     return named(healthy())
 
 
-@pytest.mark.parametrize("name", [*RANGES, *ODOMETRY])
+@cache
+def reported(name: str) -> CheckReport:
+    return check_recording(damaged(name))
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "range_feet",
+        "wheels_millimetres",
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("range_inches", "range_millimetres_throughout", "wheels_centimetres")
+        ),
+    ],
+)
 def test_a_wrong_unit_is_named_and_its_mend_leaves_the_healthy_recording(name: str) -> None:
-    recording = damaged(name)
-    report = check_recording(recording)
+    recording, report = damaged(name), reported(name)
     units = [one for one in report.faults if one.fault in ("range_unit", "wheel_unit")]
     assert {one.fault for one in report.faults} - usual() == {load_fault(name).expects}
 
@@ -101,5 +114,5 @@ def test_the_fit_in_metres_is_that_of_wheels_in_metres(radius_alone: bool) -> No
 
 
 def test_all_proposed_mends_of_a_wrong_unit_can_be_applied() -> None:
-    recording = damaged("wheels_millimetres")
-    assert apply_repairs(recording, check_recording(recording).repairs)
+    name = "wheels_millimetres"
+    assert apply_repairs(damaged(name), reported(name).repairs)
