@@ -100,16 +100,22 @@ def test_a_revisit_counts_as_closed_near_a_believed_closure_only() -> None:
     assert revisits_closed(graph(truth, replace(said, weight=0.0)), truth) == (revisits, 0)
 
 
-def test_work_is_done_in_another_process_and_its_end_is_told() -> None:
+def test_work_is_done_in_another_process() -> None:
     with Children() as children:
         assert children.run(work, "live") != os.getpid()
-        for what, words in (
-            ("die", "code 7"),
-            ("refuse", "no such thing"),
-            ("stumble", "ValueError: over a stone"),
-        ):
-            with pytest.raises(SlamsimError, match=words):
-                children.run(work, what)
+
+
+@pytest.mark.parametrize(
+    ("what", "words"),
+    [
+        ("die", "code 7"),
+        ("stumble", "ValueError: over a stone"),
+        pytest.param("refuse", "no such thing", marks=pytest.mark.slow),
+    ],
+)
+def test_how_a_process_ended_is_told(what: str, words: str) -> None:
+    with Children() as children, pytest.raises(SlamsimError, match=words):
+        children.run(work, what)
 
 
 def test_seeds_are_run_kept_and_summarised(tmp_path: Path) -> None:

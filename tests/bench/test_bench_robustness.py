@@ -283,7 +283,7 @@ def test_what_could_not_be_simulated_counts_in_no_share() -> None:
 def small(seed: int, number: int) -> Conditions:
     if number == 2:  # a world that cannot be
         return replace(CALM, seed=seed, number=number, cell_m=0.1)
-    return replace(CALM, seed=seed, number=number, people=1, glass_share=0.1)
+    return replace(CALM, seed=seed, number=number, path_m=3.0, people=1, glass_share=0.1)
 
 
 def test_a_campaign_keeps_what_is_done_and_counts_it(

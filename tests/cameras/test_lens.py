@@ -53,7 +53,7 @@ def pixels_of(camera: CameraModel) -> FloatArray:
     return np.column_stack([x.ravel(), y.ravel()]).astype(np.float64)
 
 
-@settings(max_examples=80)
+@settings(max_examples=25)
 @given(lenses(), st.floats(0.1, 50.0))
 def test_rays_are_those_that_opencv_projects_back(camera: CameraModel, far_m: float) -> None:
     points_m = far_m * camera.rays()
@@ -65,7 +65,7 @@ def test_rays_are_those_that_opencv_projects_back(camera: CameraModel, far_m: fl
     np.testing.assert_allclose(again, pixels_of(camera)[ahead], atol=1e-9)
 
 
-@settings(max_examples=40)
+@settings(max_examples=15)
 @given(lenses())
 def test_rays_are_those_of_opencv_where_its_iteration_ends(camera: CameraModel) -> None:
     pixels, rays = pixels_of(camera), camera.rays()
@@ -106,7 +106,7 @@ CASES = {
 }
 
 
-@settings(max_examples=60)
+@settings(max_examples=20)
 @given(st.floats(-0.9, 0.4), st.floats(-0.4, 0.4), st.floats(30.0, 120.0), TANGENTIAL, TANGENTIAL)
 def test_folding_is_seen_where_a_slow_walk_outwards_sees_it(
     k1: float, k2: float, fov_deg: float, p1: float, p2: float
