@@ -45,7 +45,7 @@ def seen_from(pose: FloatArray, corners_m: FloatArray = ROOM_M) -> scan_pairs.Vi
     return view
 
 
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(
     st.tuples(st.floats(-1.5, 1.0), st.floats(-1.0, 0.5), st.floats(-3.1, 3.1)),
     st.tuples(st.floats(-0.7, 0.7), st.floats(-0.7, 0.7), st.floats(-0.6, 0.6)),
@@ -142,9 +142,11 @@ def code_cells(notebook: Path) -> list[str]:
     return ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
 
 
+@pytest.mark.parametrize("times", [1, pytest.param(2, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: str(path.stem))
-def test_a_notebook_runs_from_top_to_bottom_twice(
+def test_a_notebook_runs_from_top_to_bottom(
     notebook: Path,
+    times: int,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -153,7 +155,7 @@ def test_a_notebook_runs_from_top_to_bottom_twice(
     monkeypatch.setenv("MPLBACKEND", "Agg")
     monkeypatch.setattr("matplotlib.pyplot.show", lambda: None)
     names: dict[str, object] = {"__name__": "__main__"}
-    for _ in range(2):
+    for _ in range(times):
         for cell in code_cells(notebook):
             exec(compile(cell, notebook.name, "exec"), names)
     told = capsys.readouterr().out
