@@ -26,6 +26,7 @@ from long_run_journal import Journal, Row
 SEEDS: tuple[Seed, ...] = (*LOG_SEEDS, *SHAPE_SEEDS)
 CASES = 100_000
 _BATCH = 250
+"""So many are tried by one child: to begin one takes as long as some ten cases."""
 
 
 @dataclass(slots=True)
@@ -122,10 +123,15 @@ def verdicts(
     donors = [data for ground in made for data in ground.files.values() if data]
     each = -(-count // len(made))
     for first in range(0, each, _BATCH):
-        for ground in made:
-            numbers = range(first, min(first + _BATCH, each))
-            tries = [mutation(ground, number, campaign, donors) for number in numbers]
-            yield from judged([tried for tried in tries if tried.name not in done])
+        numbers = range(first, min(first + _BATCH, each))
+        tries = [
+            tried
+            for ground in made
+            for number in numbers
+            if (tried := mutation(ground, number, campaign, donors)).name not in done
+        ]
+        for begin in range(0, len(tries), _BATCH):
+            yield from judged(tries[begin : begin + _BATCH])
 
 
 def options(parser: argparse.ArgumentParser) -> None:

@@ -1,8 +1,9 @@
 """Every stage with every n-th thing that it asks of the disk failing, or the process killed there.
 
-``python fault_nth.py GROUP FAULTS EVERY`` strikes at every EVERY-th place and prints a JSON
-line for each broken promise, then one with the counts. It is a program of its own because a child
-is forked for each case: what the tests around it have loaded would make that slow.
+``python fault_nth.py EVERY GROUP:FAULTS ...`` strikes at every EVERY-th place, or where that is 0
+at one of each kind of call, and prints a JSON line for each broken promise and one with the counts.
+It is a program of its own because a child is forked for each case: what the tests around it have
+loaded would make that slow.
 """
 
 from __future__ import annotations
@@ -97,13 +98,23 @@ def strikes(
     done: Collection[str] = (),
 ) -> Iterator[Case]:
     """Each stage struck at its calls 0, every, 2 every ... by each of the faults, but for those
-    whose names are done."""
+    whose names are done. every: 0 for one of each kind of call, another one with each fault."""
     for place, stage in enumerate(stages):
         campaign = _Campaign(stage, folder / str(place))
-        for fault in faults:
-            for number in range(0, campaign.calls, every):
+        for turn, fault in enumerate(faults):
+            for number in _struck(campaign.calls, every, (turn + 0.5) / len(faults)):
                 if f"{stage.name}, {fault} {number}" not in done:
                     yield campaign.strike(fault, number)
+
+
+def _struck(calls: Sequence[Call], every: int, share: float) -> Sequence[int]:
+    """Numbers of calls. share: where among those of its kind, 0 the first, the one is taken."""
+    if every:
+        return range(0, len(calls), every)
+    kinds: dict[str, list[int]] = {}
+    for number, call in enumerate(calls):
+        kinds.setdefault(call.kind, []).append(number)
+    return [numbers[int(share * len(numbers))] for numbers in kinds.values()]
 
 
 class _Campaign:
@@ -118,7 +129,7 @@ class _Campaign:
         self._before = self._contents(out)
         stage.work(out)
         self._whole = self._contents(out)
-        self.calls = len(self._run(lambda number, call: None)[0].calls)
+        self.calls = self._run(lambda number, call: None)[0].calls
 
     def strike(self, fault: str, number: int) -> Case:
         outcome, out = self._run(partial(FAULTS[fault], number))
@@ -275,16 +286,17 @@ def run(chosen: argparse.Namespace, journal: Journal) -> list[Row]:
     return [Row("n-th call fails: broken promises", figure, "0", not broken)]
 
 
-def main(group: str, faults: str, every: str) -> int:
+def main(every: str, *plans: str) -> int:
     """The command; 1 if a promise was broken."""
     struck = failures = 0
-    with TemporaryDirectory(dir=quick_folder()) as folder:
-        for case in strikes(stages_of(group), faults.split(","), int(every), Path(folder)):
-            struck += bool(case.call)
-            failures += bool(case.broken)
-            if case.broken:
-                sys.stdout.write(json.dumps(asdict(case)) + "\n")
-                sys.stdout.flush()
+    for group, _, faults in (plan.partition(":") for plan in plans):
+        with TemporaryDirectory(dir=quick_folder()) as folder:
+            for case in strikes(stages_of(group), faults.split(","), int(every), Path(folder)):
+                struck += bool(case.call)
+                failures += bool(case.broken)
+                if case.broken:
+                    sys.stdout.write(json.dumps(asdict(case)) + "\n")
+                    sys.stdout.flush()
     sys.stdout.write(json.dumps({"struck": struck, "broken": failures}) + "\n")
     return min(failures, 1)
 

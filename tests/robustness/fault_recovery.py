@@ -7,12 +7,14 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from slamsim.io.salvage.recover import recover
 from slamsim.io.salvage.report import Recovered
 from slamsim.io.salvage.source import damaged_recording
 
-CUTS = 60
+MANY = pytest.mark.parametrize("count", [15, pytest.param(60, marks=pytest.mark.slow)])
+"""In how many places a file is cut or damaged."""
 
 
 def recovered_from(data: bytes, folder: Path, name: str) -> tuple[Recovered, Path]:
@@ -25,7 +27,7 @@ def recovered_from(data: bytes, folder: Path, name: str) -> tuple[Recovered, Pat
     return told, folder / "out"
 
 
-def damaged(data: bytes, seed: int, count: int = CUTS) -> Iterator[tuple[int, bytes]]:
+def damaged(data: bytes, seed: int, count: int) -> Iterator[tuple[int, bytes]]:
     """(first changed byte, content) with 1 to 8 changed bytes in a row."""
     rng = np.random.default_rng(seed)
     for first in rng.integers(0, len(data) - 8, count).tolist():
@@ -35,7 +37,7 @@ def damaged(data: bytes, seed: int, count: int = CUTS) -> Iterator[tuple[int, by
         yield first, bytes(changed)
 
 
-def cuts(data: bytes, seed: int, edges: list[int], count: int = CUTS) -> list[int]:
+def cuts(data: bytes, seed: int, edges: list[int], count: int) -> list[int]:
     """Where to cut: anywhere, and just beside some of the edges."""
     rng = np.random.default_rng(seed)
     beside = [edge + step for edge in edges for step in (-1, 0, 1)]

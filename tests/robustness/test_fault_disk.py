@@ -1,8 +1,9 @@
-"""The n-th thing that is asked of the disk fails, or the process dies there, for every n.
+"""The n-th thing that is asked of the disk fails, or the process dies there: one of each kind of
+call, and in the slow tests every one.
 
 After each: nothing half-written under a final name, what stood there before stands or the new is
 whole, the exit code and one sentence tell, and the same command again succeeds with equal bytes.
-More of it: ``python tests/robustness/long_run.py disk``.
+With commands too: ``python tests/robustness/long_run.py disk``.
 """
 
 from __future__ import annotations
@@ -23,12 +24,12 @@ from slamsim.guard.output import partial_folder, write_atomic
 pytestmark = pytest.mark.fault
 
 
-def struck(group: str, faults: str, every: int) -> int:
+def struck(every: int, *plans: str) -> int:
     """How many strikes there were; fails with each promise that was broken."""
     require_watching()
     program = str(Path(__file__).with_name("fault_nth.py"))
     done = subprocess.run(
-        [sys.executable, program, group, faults, str(every)],
+        [sys.executable, program, str(every), *plans],
         capture_output=True,
         text=True,
         check=False,
@@ -39,24 +40,17 @@ def struck(group: str, faults: str, every: int) -> int:
     return int(json.loads(counts)["struck"])
 
 
-@pytest.mark.parametrize("fault", ["full", "broken", "killed"])
-def test_every_call_of_a_folder_or_a_file(fault: str) -> None:
-    assert struck("folders", fault, 1) > 50
-
-
-def test_every_call_of_the_writers_of_formats() -> None:
-    assert struck("writers", "full", 1) > 30
-
-
-def test_calls_of_a_data_set() -> None:
-    assert struck("sets", "full,killed", 6) > 40
+def test_each_kind_of_call_of_all_that_writes() -> None:
+    """Six kinds at least of each stage: four of folders and files, two of formats, two of sets."""
+    plans = ("folders:full,broken,killed", "writers:full", "sets:full,killed")
+    assert struck(0, *plans) >= 6 * (3 * 4 + 2 + 2 * 2)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
 @pytest.mark.parametrize("group", ["folders", "writers", "sets"])
 def test_every_call_and_every_fault(group: str, fault: str) -> None:
-    assert struck(group, fault, 1) > 30
+    assert struck(1, f"{group}:{fault}") > 30
 
 
 def test_what_is_asked_of_the_disk_is_seen_in_order(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Hundreds of damaged inputs of all formats: the right result or one refusal, nothing else."""
+"""Damaged inputs of all formats: the right result or one refusal, nothing else."""
 
 from __future__ import annotations
 
@@ -19,16 +19,17 @@ from slamsim.guard.errors import InputRefused
 
 pytestmark = pytest.mark.fault
 
-CASES = 150
 
-
-def test_hundreds_of_damaged_inputs_are_read_right_or_refused(tmp_path: Path) -> None:
-    found = list(verdicts(grounds(SEEDS, tmp_path), CASES, campaign=1))
+@pytest.mark.parametrize("cases", [60, pytest.param(150, marks=pytest.mark.slow)])
+def test_damaged_inputs_of_all_formats_are_read_right_or_refused(
+    cases: int, tmp_path: Path
+) -> None:
+    found = list(verdicts(grounds(SEEDS, tmp_path), cases, campaign=1))
     assert len({seed.name for seed in SEEDS}) == len(SEEDS) >= 14
-    assert len(found) >= CASES
+    assert len(found) >= cases
     assert [verdict for verdict in found if not verdict.good] == []
     outcomes = Counter(verdict.outcome for verdict in found)
-    assert min(outcomes["right"], outcomes["other"], outcomes["refused"]) > 12
+    assert min(outcomes["right"], outcomes["other"], outcomes["refused"]) > 0.08 * cases
 
 
 def _refuse() -> object:

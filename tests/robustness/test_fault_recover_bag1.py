@@ -10,7 +10,7 @@ from pathlib import Path
 import lz4.frame  # type: ignore[import-untyped]
 import pytest
 from bag_data import ROS1, Robot, as_ros1
-from fault_recovery import cuts, damaged, recovered_from
+from fault_recovery import MANY, cuts, damaged, recovered_from
 from rosbags.rosbag1 import Reader
 
 from slamsim.guard.errors import InputRefused
@@ -79,12 +79,13 @@ def whole(
     return data, units_in(data, request.param.lower() or "none")
 
 
+@MANY
 def test_of_a_bag_cut_anywhere_all_that_is_complete_comes_back(
-    whole: tuple[bytes, list[Unit]], tmp_path: Path
+    whole: tuple[bytes, list[Unit]], count: int, tmp_path: Path
 ) -> None:
     data, units = whole
     assert len(units) > 10
-    for cut in cuts(data, 1, [end for _, end, _ in units]):
+    for cut in cuts(data, 1, [end for _, end, _ in units], count):
         complete = sum((inside for _, end, inside in units if end <= cut), Messages())
         if not complete:
             with pytest.raises(InputRefused, match="not one whole message"):
@@ -95,12 +96,13 @@ def test_of_a_bag_cut_anywhere_all_that_is_complete_comes_back(
         assert told.messages == complete.total()
 
 
+@MANY
 def test_of_a_damaged_bag_what_is_untouched_comes_back(
-    whole: tuple[bytes, list[Unit]], tmp_path: Path
+    whole: tuple[bytes, list[Unit]], count: int, tmp_path: Path
 ) -> None:
     data, units = whole
     alone = all(inside.total() == 1 for _, _, inside in units)
-    for first, changed in damaged(data, 2):
+    for first, changed in damaged(data, 2, count):
         touched = [begin < first + 8 and first < end for begin, end, _ in units]
         if alone:  # the length of a message is believed only if a record follows it
             touched = [a or b for a, b in zip(touched, [*touched[1:], False], strict=True)]

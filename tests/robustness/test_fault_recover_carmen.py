@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from fault_recovery import cuts, damaged, recovered_from
+from fault_recovery import MANY, cuts, damaged, recovered_from
 
 from slamsim.guard.errors import InputRefused
 from slamsim.io.open import read_log
@@ -61,10 +61,13 @@ def packed(name: str) -> bytes:
     return b"".join(map(bz2.compress, parts)) if name.endswith("bz2") else TEXT
 
 
+@MANY
 @pytest.mark.parametrize("name", OPEN)
-def test_of_a_log_cut_anywhere_every_whole_line_comes_back(name: str, tmp_path: Path) -> None:
+def test_of_a_log_cut_anywhere_every_whole_line_comes_back(
+    name: str, count: int, tmp_path: Path
+) -> None:
     data = packed(name)
-    for cut in cuts(data, 1, [len(data) // 2]):
+    for cut in cuts(data, 1, [len(data) // 2], count):
         expected = complete_lines(name, data[:cut])
         if len(expected) < 3:
             with pytest.raises(InputRefused, match="not one whole message"):
@@ -84,9 +87,10 @@ def test_a_whole_log_loses_nothing(name: str, tmp_path: Path) -> None:
     assert len(list(read_log(folder / name).scans)) == 300
 
 
-def test_damaged_blocks_of_bzip2_are_left_out_and_no_more(tmp_path: Path) -> None:
+@MANY
+def test_damaged_blocks_of_bzip2_are_left_out_and_no_more(count: int, tmp_path: Path) -> None:
     data = packed("a.clf.bz2")
-    for _, changed in damaged(data, 3):
+    for _, changed in damaged(data, 3, count):
         told, folder = recovered_from(changed, tmp_path / "b", "a.clf.bz2")
         found = read_back(folder)
         assert set(found) <= set(LINES)

@@ -25,7 +25,7 @@ from slamsim.simulation.log_writer import LogWriter
 
 pytestmark = pytest.mark.fault
 
-KILLS = 12
+KILLS = 4
 WINDOW_S = 0.5
 CHUNK_BYTES = 20_000
 MAGIC = b"\x89MCAP0\r\n"

@@ -7,9 +7,9 @@ from collections import Counter
 from io import BytesIO
 from pathlib import Path
 
-import numpy as np
 import pytest
 from bag_data import ROS2, Robot, as_mcap, as_rosbag2
+from fault_recovery import MANY, cuts, damaged
 from log_data import drive, header, readings
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
@@ -29,7 +29,6 @@ from slamsim.simulation.log_writer import LogWriter
 pytestmark = pytest.mark.fault
 
 Messages = Counter[tuple[str, int, bytes]]
-CUTS = 60
 ROBOT = Robot(ROS2)
 
 
@@ -86,14 +85,13 @@ def recovered_from(data: bytes, folder: Path) -> tuple[Recovered, Path]:
     return told, folder / "out" / MCAP_NAME
 
 
+@MANY
 def test_of_a_file_cut_anywhere_every_complete_chunk_comes_back(
-    whole: Path, tmp_path: Path
+    whole: Path, count: int, tmp_path: Path
 ) -> None:
     data, chunks = whole.read_bytes(), chunks_in(whole)
     assert len(chunks) > 5
-    rng = np.random.default_rng(1)
-    edges = [end + step for _, end, _ in chunks for step in (-1, 0, 1)]
-    for cut in {*rng.integers(0, len(data), CUTS).tolist(), *rng.permutation(edges)[:10].tolist()}:
+    for cut in cuts(data, 1, [end for _, end, _ in chunks], count):
         complete = [inside for _, end, inside in chunks if end <= cut]
         if not complete:
             with pytest.raises(InputRefused, match="not one whole message"):
@@ -104,18 +102,15 @@ def test_of_a_file_cut_anywhere_every_complete_chunk_comes_back(
         assert told.messages == messages_in(out).total()
 
 
+@MANY
 def test_of_a_damaged_file_exactly_the_damaged_chunk_is_missing(
-    whole: Path, tmp_path: Path
+    whole: Path, count: int, tmp_path: Path
 ) -> None:
     data, chunks = whole.read_bytes(), chunks_in(whole)
-    rng = np.random.default_rng(2)
     lost = 0
-    for first in rng.integers(8, len(data) - 8, CUTS).tolist():
-        changed = bytearray(data)
-        for position in range(first, first + int(rng.integers(1, 9))):
-            changed[position] ^= int(rng.integers(1, 256))
+    for first, changed in damaged(data, 2, count):
         touched = [begin <= first + 8 and first < end for begin, end, _ in chunks]
-        _, out = recovered_from(bytes(changed), tmp_path / "b")
+        _, out = recovered_from(changed, tmp_path / "b")
         found = messages_in(out)
         for (_, _, inside), is_touched in zip(chunks, touched, strict=True):
             is_there = inside <= found
@@ -124,7 +119,7 @@ def test_of_a_damaged_file_exactly_the_damaged_chunk_is_missing(
                 assert not inside & found
                 lost += 1
         assert found <= sum((inside for _, _, inside in chunks), Messages())
-    assert lost > 10
+    assert lost > count // 6
 
 
 def test_a_whole_recording_comes_back_byte_for_byte(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from slamsim.io.text.tum import write_tum
 from slamsim.run.folder import write_map
 
 pytestmark = pytest.mark.fault
-CASES = 25
+CASES = 10
 
 
 def of_map(folder: Path) -> Sealed:

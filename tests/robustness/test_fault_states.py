@@ -315,7 +315,7 @@ class DataSet(Folder):
 
 
 SETTINGS = settings(
-    max_examples=12,
+    max_examples=5,
     stateful_step_count=14,
     derandomize=True,
     report_multiple_bugs=False,

@@ -107,9 +107,15 @@ def to_session(run: Run, number: int) -> None:
     os.killpg(run.process.pid, number)
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
-@pytest.mark.parametrize("send", [to_started, to_child, to_session])
-@pytest.mark.parametrize(("doing", "processes"), [("deaf", 2), ("working", 2), ("parent", 3)])
+@pytest.mark.parametrize(
+    ("doing", "processes", "send", "number"),
+    [  # by default each pair of two of these once
+        pytest.param(*doing, send, number, marks=() if (i + j + k) % 3 == 0 else pytest.mark.slow)
+        for i, doing in enumerate((("deaf", 2), ("working", 2), ("parent", 3)))
+        for j, send in enumerate((to_started, to_child, to_session))
+        for k, number in enumerate((signal.SIGINT, signal.SIGTERM, signal.SIGHUP))
+    ],
+)
 def test_a_command_ends_whatever_it_is_doing_and_whoever_is_told(
     doing: str,
     processes: int,
