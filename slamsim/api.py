@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from slamsim.check.findings import CheckReport
 from slamsim.cli import main as commands
 from slamsim.cli import map_command
+from slamsim.cli.common import selection
 from slamsim.console.reporter import Reporter
 from slamsim.opened_run import Run
 from slamsim.slam.session import open_session
@@ -60,8 +61,12 @@ def map(  # noqa: A001 - named as the command
     cloud_height: lowest and highest return of point clouds above the base frame, in metres.
     quiet: no progress, no table. Raises SlamsimError as the command ends with an exit code.
     """
+    wanted = selection(
+        *(_topics(scan_topic), odom_topic, imu_topic, base_frame, _heights(cloud_height))
+    )
     return Run(
         map_command.map_(
+            Reporter(quiet=quiet),
             str(source),
             out=_path(out),
             seed=seed,
@@ -69,15 +74,10 @@ def map(  # noqa: A001 - named as the command
             set_=_overrides(settings),
             config=None if config is None else str(config),
             relations=_path(relations),
-            scan_topic=_topics(scan_topic),
-            odom_topic=odom_topic,
-            imu_topic=imu_topic,
-            base_frame=base_frame,
-            cloud_height=_heights(cloud_height),
+            wanted=wanted,
             earlier=_path(continued),
             start=start,
             overwrite=overwrite,
-            quiet=quiet,
         )
     )
 
@@ -103,21 +103,20 @@ def localise(
     known: the folder of a mapped run, or a ROS map.yaml (``--in``). Other options and errors as
     those of ``map``.
     """
+    wanted = selection(
+        *(_topics(scan_topic), odom_topic, imu_topic, base_frame, _heights(cloud_height))
+    )
     return Run(
         map_command.localise(
+            Reporter(quiet=quiet),
             Path(source),
             Path(known),
             start=start,
             out=_path(out),
             set_=_overrides(settings),
             config=None if config is None else str(config),
-            scan_topic=_topics(scan_topic),
-            odom_topic=odom_topic,
-            imu_topic=imu_topic,
-            base_frame=base_frame,
-            cloud_height=_heights(cloud_height),
+            wanted=wanted,
             overwrite=overwrite,
-            quiet=quiet,
         )
     )
 
@@ -141,6 +140,7 @@ def simulate(
     """
     return Run(
         commands.simulate(
+            Reporter(quiet=quiet),
             str(world),
             out=_path(out),
             seed=seed,
@@ -149,7 +149,6 @@ def simulate(
             config=None if config is None else str(config),
             faults=list(faults),
             overwrite=overwrite,
-            quiet=quiet,
         )
     )
 

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from slamsim.console.options import Json, Out, Overwrite, Quiet
+from slamsim.cli.common import Reporter
+from slamsim.console.options import Out, Overwrite
 
 if TYPE_CHECKING:
-    from slamsim.console.reporter import Reporter
     from slamsim.run.cameras.calibration_report import Calibrated
 
 EPILOG = (
@@ -71,6 +71,7 @@ ImageTopics = Annotated[
 
 
 def calibrate(
+    reporter: Reporter,
     source: Source,
     out: Out = None,
     board: Board = "",
@@ -81,14 +82,10 @@ def calibrate(
     readout_ms: ReadoutMs = None,
     topic: ImageTopics = None,
     overwrite: Overwrite = False,
-    quiet: Quiet = False,
-    as_json: Json = False,
 ) -> None:
     """Calibrate cameras: lens, place on the robot, clock and shutter, with intervals."""
-    from slamsim.console.reporter import Reporter
     from slamsim.run.naming import output_folder, recording_name
 
-    reporter = Reporter(quiet=quiet, as_json=as_json)
     name = f"{recording_name(str(source))}_calibration"
     inputs = (source, surveyed, trajectory)
     with output_folder(out, name, overwrite=overwrite, inputs=inputs) as folder:

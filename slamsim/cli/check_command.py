@@ -9,18 +9,11 @@ from typing import Annotated
 
 import typer
 
-from slamsim.cli.common import selection
+from slamsim.cli.common import Reporter, Selection
 from slamsim.console.options import (
-    BaseFrame,
-    CloudHeight,
-    ImuTopic,
-    Json,
     Lossy,
-    OdomTopic,
     Overwrite,
     OverwriteFile,
-    Quiet,
-    ScanTopic,
 )
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.output import disk_full
@@ -68,25 +61,19 @@ List = Annotated[
 
 
 def check(
+    reporter: Reporter,
     source: CheckSource = None,
-    scan_topic: ScanTopic = None,
-    odom_topic: OdomTopic = "",
-    imu_topic: ImuTopic = "",
-    base_frame: BaseFrame = "",
-    cloud_height: CloudHeight = "",
+    *,
+    wanted: Selection,
     html: Html = None,
     quick: Quick = False,
     show_all: Annotated[bool, typer.Option("--all", help="Also show answers that are ok.")] = False,
     list_: List = False,
     overwrite: OverwriteFile = False,
-    quiet: Quiet = False,
-    as_json: Json = False,
 ) -> None:
     """Find faults in a recording: stamps, frames, laser, wheels, gyroscope."""
-    from slamsim.console.reporter import Reporter
     from slamsim.run.naming import output_file
 
-    reporter = Reporter(quiet=quiet, as_json=as_json)
     if list_:
         from slamsim.run.checking import question_facts, question_table
 
@@ -101,7 +88,7 @@ def check(
         report = check_log(
             source,
             reporter,
-            wanted=selection(scan_topic, odom_topic, imu_topic, base_frame, cloud_height),
+            wanted=wanted,
             quick=quick,
             html=page,
             show_all=show_all,
@@ -145,18 +132,14 @@ Apply = Annotated[
 
 
 def fix(
+    reporter: Reporter,
     source: Source,
     out: Out,
     apply: Apply = "all",
-    scan_topic: ScanTopic = None,
-    odom_topic: OdomTopic = "",
-    imu_topic: ImuTopic = "",
-    base_frame: BaseFrame = "",
-    cloud_height: CloudHeight = "",
+    *,
+    wanted: Selection,
     lossy: Lossy = False,
     overwrite: Overwrite = False,
-    quiet: Quiet = False,
-    as_json: Json = False,
 ) -> None:
     """Write a corrected copy of a recording, and check it again.
 
@@ -164,10 +147,8 @@ def fix(
     fault, is taken back. What a repair does not touch is copied byte for byte: other topics,
     covariances, attachments.
     """
-    from slamsim.console.reporter import Reporter
     from slamsim.run.naming import output_folder
 
-    reporter = Reporter(quiet=quiet, as_json=as_json)
     with output_folder(out, "", overwrite=overwrite, inputs=(source,)):
         from slamsim.run.fixing import fix_log
 
@@ -176,7 +157,7 @@ def fix(
             out,
             apply,
             reporter,
-            wanted=selection(scan_topic, odom_topic, imu_topic, base_frame, cloud_height),
+            wanted=wanted,
             lossy=lossy,
             overwrite=overwrite,
         )

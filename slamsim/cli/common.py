@@ -4,9 +4,23 @@ from __future__ import annotations
 
 import math
 import shlex
+from collections.abc import Callable, Mapping
+from functools import wraps
+from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
 
+import typer
+
+from slamsim.console.options import (
+    BaseFrame,
+    CloudHeight,
+    ImuTopic,
+    Json,
+    OdomTopic,
+    Quiet,
+    ScanTopic,
+)
 from slamsim.guard.errors import OverrideRefused, SlamsimError, shown
 from slamsim.guard.quantities import as_count
 
@@ -16,10 +30,69 @@ if TYPE_CHECKING:
     from slamsim.io.selection import Selection
     from slamsim.run.naming import Loaded
     from slamsim.run.stages import Report
+else:  # imported when a command runs, so that help is instant
+    Reporter = Selection = object
 
+__all__ = ("Reporter", "Selection")
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+_TYPED: Mapping[str, Mapping[str, tuple[Any, object]]] = {
+    "reporter": {"quiet": (Quiet, False), "as_json": (Json, False)},
+    "wanted": {
+        "scan_topics": (ScanTopic, None),
+        "odom_topic": (OdomTopic, ""),
+        "imu_topic": (ImuTopic, ""),
+        "base_frame": (BaseFrame, ""),
+        "cloud_height": (CloudHeight, ""),
+    },
+}
+"""As which options, with their defaults, these parameters of commands are typed."""
 
 WARNINGS_TOLD = 3
 """At the end of a run; the report and --verbose have all."""
+
+
+class Commands(typer.Typer):
+    """Commands of typer, whose ``wanted`` and ``reporter`` are each typed as several options."""
+
+    def command(self, *args: Any, **named: Any) -> Callable[[Command], Command]:
+        register = super().command(*args, **named)
+
+        def add(function: Command) -> Command:
+            register(_typed(function))
+            return function
+
+        return add
+
+
+def _typed(function: Callable[..., Any]) -> Callable[..., Any]:
+    hints, asked = get_type_hints(function, include_extras=True), signature(function).parameters
+    bundled = [name for name in _TYPED if name in asked]
+    taken = []
+    for name in sorted(asked, key="reporter".__eq__):  # --quiet and --json come last
+        options = _TYPED.get(name, {name: (hints[name], asked[name].default)})
+        taken += [
+            Parameter(option, Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+            for option, (annotation, default) in options.items()
+        ]
+
+    @wraps(function)
+    def called(**given: Any) -> object:
+        for name in bundled:
+            options = {option: given.pop(option) for option in _TYPED[name]}
+            given[name] = (_reporter if name == "reporter" else selection)(**options)
+        return function(**given)
+
+    vars(called)["__signature__"] = Signature(taken)
+    called.__annotations__ = {each.name: each.annotation for each in taken}
+    return called
+
+
+def _reporter(**options: bool) -> Reporter:
+    from slamsim.console.reporter import Reporter
+
+    return Reporter(**options)
 
 
 def config_of(

@@ -9,7 +9,8 @@ from typing import Annotated
 
 import typer
 
-from slamsim.console.options import Json, Overwrite, Quiet
+from slamsim.cli.common import Reporter
+from slamsim.console.options import Overwrite
 
 EPILOG = "Example: slamsim convert my_rosbag2/ images/ --to tum"
 
@@ -22,6 +23,7 @@ class Target(StrEnum):
 
 
 def convert(
+    reporter: Reporter,
     source: Annotated[
         Path,
         typer.Argument(help="A recording with camera images, or a folder of them."),
@@ -31,14 +33,10 @@ def convert(
         Target, typer.Option("--to", help="TUM RGB-D (colour and depth) or EuRoC (cameras, IMU).")
     ] = Target.TUM,
     overwrite: Overwrite = False,
-    quiet: Quiet = False,
-    as_json: Json = False,
 ) -> None:
     """Write camera images as a folder of TUM RGB-D or EuRoC, with cameras and the true path."""
-    from slamsim.console.reporter import Reporter
     from slamsim.run.naming import output_folder
 
-    reporter = Reporter(quiet=quiet, as_json=as_json)
     with output_folder(out, "", overwrite=overwrite, inputs=(source,)):
         from slamsim.io.cameras.converting import convert_images
 

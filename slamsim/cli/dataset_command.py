@@ -7,10 +7,11 @@ from typing import Annotated
 
 import typer
 
-from slamsim.console.options import Json, OverwriteFile, Quiet
+from slamsim.cli.common import Commands, Reporter
+from slamsim.console.options import OverwriteFile
 from slamsim.guard.errors import DataDamaged, OverrideRefused, shown
 
-dataset = typer.Typer(
+dataset = Commands(
     name="dataset",
     no_args_is_help=True,
     rich_markup_mode="rich",
@@ -78,6 +79,7 @@ Only = Annotated[
     "--engine dask --scheduler tcp://10.0.0.1:8786"
 )
 def make(
+    reporter: Reporter,
     recipe: RecipeName,
     out: Out,
     count: Count = 100,
@@ -85,11 +87,8 @@ def make(
     workers: Workers = None,
     scheduler: Scheduler = None,
     only: Only = None,
-    quiet: Quiet = False,
-    as_json: Json = False,
 ) -> None:
     """Make a data set, or the missing part of it."""
-    from slamsim.console.reporter import Reporter
     from slamsim.dataset.store.store import claimed_place
 
     if "://" not in out:
@@ -101,7 +100,7 @@ def make(
             recipe,
             count,
             out,
-            Reporter(quiet=quiet, as_json=as_json),
+            reporter,
             engine=engine,
             workers=workers,
             scheduler=scheduler,
@@ -133,21 +132,20 @@ def _require_place(out: str, recipe: str) -> None:
 
 @dataset.command(epilog="Example: slamsim dataset plan labyrinths -n 10000")
 def plan(
+    reporter: Reporter,
     recipe: RecipeName,
     count: Count = 100,
     workers: Processes = None,
-    quiet: Quiet = False,
-    as_json: Json = False,
 ) -> None:
     """Estimate what a recipe will make, its time and its disk space."""
-    from slamsim.console.reporter import Reporter
     from slamsim.run.dataset.telling import tell_plan
 
-    tell_plan(recipe, count, Reporter(quiet=quiet, as_json=as_json), workers=workers)
+    tell_plan(recipe, count, reporter, workers=workers)
 
 
 @dataset.command(epilog="Example: slamsim dataset preview diverse -n 24 --out sheet.png")
 def preview(
+    reporter: Reporter,
     recipe: RecipeName,
     count: Annotated[
         int, typer.Option("-n", "--count", help="Number of worlds to draw.", min=1, max=100)
@@ -162,14 +160,10 @@ def preview(
         ),
     ] = None,
     overwrite: OverwriteFile = False,
-    quiet: Quiet = False,
-    as_json: Json = False,
 ) -> None:
     """Draw worlds of a recipe and the routes planned through them on one contact sheet."""
-    from slamsim.console.reporter import Reporter
     from slamsim.run.dataset.telling import draw_preview
 
-    reporter = Reporter(quiet=quiet, as_json=as_json)
     draw_preview(recipe, count, out, reporter, overwrite=overwrite)
 
 
@@ -179,6 +173,7 @@ def preview(
     "--subset 5%"
 )
 def verify(
+    reporter: Reporter,
     place: Place,
     subset: Annotated[
         str, typer.Option(metavar="PERCENT", help="Share of the sequences to read.")
@@ -187,22 +182,17 @@ def verify(
         int, typer.Option(help="Number of sequences to make again and compare.", min=0)
     ] = 0,
     workers: Processes = None,
-    quiet: Quiet = False,
-    as_json: Json = False,
 ) -> None:
     """Check that a data set is complete and unchanged, by its checksums."""
-    from slamsim.console.reporter import Reporter
     from slamsim.run.dataset.telling import run_verify
 
-    reporter = Reporter(quiet=quiet, as_json=as_json)
     whole = run_verify(place, reporter, subset=subset, again=again, workers=workers)
     raise typer.Exit(0 if whole else DataDamaged.exit_code)
 
 
 @dataset.command(epilog="Example: slamsim dataset stats my_data --json")
-def stats(place: Place, quiet: Quiet = False, as_json: Json = False) -> None:
+def stats(reporter: Reporter, place: Place) -> None:
     """Summarise a data set: splits, worlds, sensors, faults, lengths, sizes."""
-    from slamsim.console.reporter import Reporter
     from slamsim.run.dataset.telling import run_stats
 
-    run_stats(place, Reporter(quiet=quiet, as_json=as_json))
+    run_stats(place, reporter)

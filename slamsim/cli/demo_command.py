@@ -8,7 +8,8 @@ from typing import Annotated
 
 import typer
 
-from slamsim.console.options import Json, Out, Overwrite, Quiet, Seed
+from slamsim.cli.common import Reporter
+from slamsim.console.options import Out, Overwrite, Seed
 
 EPILOG = "Example: slamsim demo rotation-bug --out outputs/rotation_bug"
 _SETTINGS = (
@@ -23,20 +24,17 @@ class Demo(StrEnum):
 
 
 def demo(
+    reporter: Reporter,
     name: Annotated[Demo, typer.Argument(help="Demonstration to run.")] = Demo.ROTATION_BUG,
     out: Out = None,
     seed: Seed = None,
     overwrite: Overwrite = False,
-    quiet: Quiet = False,
-    as_json: Json = False,
 ) -> None:
     """Demonstrate a fault and its repair: the torn map, the verdict, and the repaired map."""
     from slamsim.config.loading import load_run_config
-    from slamsim.console.reporter import Reporter
     from slamsim.console.summary import labelled
     from slamsim.run.naming import output_folder
 
-    reporter = Reporter(quiet=quiet, as_json=as_json)
     config = load_run_config("labyrinth", overrides=_SETTINGS, seed=seed)
     with output_folder(out, name.value.replace("-", "_"), overwrite=overwrite) as folder:
         from slamsim.run.demo import rotation_bug

@@ -8,18 +8,11 @@ from typing import Annotated
 
 import typer
 
-from slamsim.cli.common import selection
+from slamsim.cli.common import Reporter, Selection
 from slamsim.console.options import (
-    BaseFrame,
-    CloudHeight,
     Faults,
-    ImuTopic,
-    Json,
     Lossy,
-    OdomTopic,
     Overwrite,
-    Quiet,
-    ScanTopic,
 )
 
 Source = Annotated[Path | None, typer.Argument(help="A recording: rosbag2, MCAP, ROS 1, CARMEN.")]
@@ -27,30 +20,24 @@ List = Annotated[bool, typer.Option("--list", help="List the faults that come wi
 
 
 def fault(
+    reporter: Reporter,
     source: Source = None,
     out: Annotated[Path | None, typer.Argument(help="Folder for the copy.")] = None,
     faults: Faults = None,
     list_: List = False,
     seed: Annotated[int, typer.Option("--seed", help="Seed of the random numbers.", min=0)] = 0,
-    scan_topic: ScanTopic = None,
-    odom_topic: OdomTopic = "",
-    imu_topic: ImuTopic = "",
-    base_frame: BaseFrame = "",
-    cloud_height: CloudHeight = "",
+    *,
+    wanted: Selection,
     lossy: Lossy = False,
     overwrite: Overwrite = False,
-    quiet: Quiet = False,
-    as_json: Json = False,
 ) -> None:
     """Copy a recording and inject known faults, to test a checker or a SLAM system.
 
     What the faults do not touch is copied byte for byte.
     """
     from slamsim.config.faults import typed_choices
-    from slamsim.console.reporter import Reporter
     from slamsim.run.naming import output_folder
 
-    reporter = Reporter(quiet=quiet, as_json=as_json)
     if list_:
         from slamsim.run.fixing import fault_facts, fault_table
 
@@ -69,7 +56,7 @@ def fault(
             out,
             choices,
             seed=seed,
-            wanted=selection(scan_topic, odom_topic, imu_topic, base_frame, cloud_height),
+            wanted=wanted,
             lossy=lossy,
             overwrite=overwrite,
         )

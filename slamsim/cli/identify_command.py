@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from slamsim.console.options import Jobs, Json, Out, Overwrite, Quiet, Set
+from slamsim.cli.common import Reporter
+from slamsim.console.options import Jobs, Out, Overwrite, Set
 
 EPILOG = (
     "Examples: slamsim identify turtlebot2_study · slamsim identify my_robot.yaml "
@@ -32,21 +33,18 @@ RobotFile = Annotated[
 
 
 def identify(
+    reporter: Reporter,
     measurements: Measurements,
     out: Out = None,
     robot_file: RobotFile = None,
     set_: Set = None,
     jobs: Jobs = None,
     overwrite: Overwrite = False,
-    quiet: Quiet = False,
-    as_json: Json = False,
 ) -> None:
     """Fit a robot's parameters to figures measured on a real one, with intervals."""
     from slamsim.config.measurements import load_measurements
-    from slamsim.console.reporter import Reporter
     from slamsim.run.naming import loaded, output_file, output_folder
 
-    reporter = Reporter(quiet=quiet, as_json=as_json)
     read = loaded(lambda: load_measurements(measurements, set_ or ()))
     config = read.config
     typed = " ".join(["slamsim identify", measurements, *(f"--set {text}" for text in set_ or ())])

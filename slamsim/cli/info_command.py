@@ -7,15 +7,13 @@ from typing import Annotated
 
 import typer
 
-from slamsim.cli.common import selection
+from slamsim.cli.common import Reporter, selection
 from slamsim.console.options import (
     BaseFrame,
     CloudHeight,
     ImuTopic,
-    Json,
     OdomTopic,
     OverwriteFile,
-    Quiet,
     ScanTopic,
 )
 from slamsim.guard.errors import OutputRefused
@@ -24,6 +22,7 @@ EPILOG = "Examples: slamsim info my_rosbag2/ · slamsim info my.mcap --out frame
 
 
 def info(
+    reporter: Reporter,
     source: Annotated[
         Path,
         typer.Argument(
@@ -40,16 +39,12 @@ def info(
     base_frame: BaseFrame = "",
     cloud_height: CloudHeight = "",
     overwrite: OverwriteFile = False,
-    quiet: Quiet = False,
-    as_json: Json = False,
 ) -> None:
     """Show what is in a recording, what slamsim would use of it, and what is missing."""
-    from slamsim.console.reporter import Reporter
     from slamsim.run.naming import output_file
 
     if out is not None and out.suffix.lower() not in (".svg", ".png"):
         raise OutputRefused(f"--out {out}: the picture is an .svg or a .png")
-    reporter = Reporter(quiet=quiet, as_json=as_json)
     named = (
         ("--odom-topic", odom_topic),
         ("--imu-topic", imu_topic),

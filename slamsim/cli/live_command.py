@@ -10,15 +10,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from slamsim.cli.common import loaded_config, selection
+from slamsim.cli.common import Reporter, loaded_config, selection
 from slamsim.console.options import (
     ConfigFile,
     ImuTopic,
-    Json,
     OdomTopic,
     Out,
     Overwrite,
-    Quiet,
     ScanTopic,
     Seed,
     Set,
@@ -95,6 +93,7 @@ InRerun = Annotated[bool, typer.Option("--rerun", help="Show it in a Rerun viewe
 
 
 def live(
+    reporter: Reporter,
     name: World = "labyrinth",
     from_: From = "",
     drive: Driven = Drive.MANUAL,
@@ -117,19 +116,15 @@ def live(
     set_: Set = None,
     config: ConfigFile = None,
     overwrite: Overwrite = False,
-    quiet: Quiet = False,
-    as_json: Json = False,
 ) -> None:
     """Simulate a robot in real time: drive it from a browser, Foxglove or ROS, and watch it map.
 
     With --from, map a robot that runs elsewhere.
     """
-    from slamsim.console.reporter import Reporter
     from slamsim.console.summary import labelled
     from slamsim.run.live.serving import LiveOptions
     from slamsim.run.naming import output_folder
 
-    reporter = Reporter(quiet=quiet, as_json=as_json)
     duration_s = math.inf if duration is None else duration
     options = LiveOptions(_rate(rate), drive.value, record, until_done, duration_s, slam)
     url = _url(from_, name)
@@ -157,17 +152,14 @@ def live(
 
 
 def replay(
+    reporter: Reporter,
     source: Annotated[Path, typer.Argument(help="A drive that was recorded live.")],
     out: Out = None,
     overwrite: Overwrite = False,
-    quiet: Quiet = False,
-    as_json: Json = False,
 ) -> None:
     """Drive the commands of a live recording again, which gives the same recording."""
-    from slamsim.console.reporter import Reporter
     from slamsim.run.naming import output_folder
 
-    reporter = Reporter(quiet=quiet, as_json=as_json)
     called = f"{source.resolve().parent.name}_replay"
     with output_folder(out, called, overwrite=overwrite, inputs=(source,)) as folder:
         from slamsim.run.live.world import replay_drive

@@ -12,7 +12,7 @@ from slamsim.bench.command import bench
 from slamsim.cli.calibrate_command import EPILOG as CALIBRATE_EPILOG
 from slamsim.cli.calibrate_command import calibrate
 from slamsim.cli.check_command import CHECK_EPILOG, FIX_EPILOG, check, fix
-from slamsim.cli.common import close_run, config_of, loaded_config
+from slamsim.cli.common import Commands, Reporter, close_run, config_of, loaded_config
 from slamsim.cli.convert_command import EPILOG as CONVERT_EPILOG
 from slamsim.cli.convert_command import convert
 from slamsim.cli.dataset_command import dataset
@@ -40,17 +40,15 @@ from slamsim.console.options import (
     ConfigFile,
     DriveSeed,
     Faults,
-    Json,
     Out,
     Overwrite,
-    Quiet,
     Relations,
     Seed,
     Set,
     World,
 )
 
-app = typer.Typer(
+app = Commands(
     name="slamsim",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -63,6 +61,7 @@ app = typer.Typer(
 
 @app.command(epilog="Example: slamsim world labyrinth --seed 7 --out outputs/my_world")
 def world(
+    reporter: Reporter,
     name: World = "labyrinth",
     out: Out = None,
     seed: Seed = None,
@@ -72,15 +71,11 @@ def world(
         bool, typer.Option("--view", help="Also view.png: what a camera at the start sees.")
     ] = False,
     overwrite: Overwrite = False,
-    quiet: Quiet = False,
-    as_json: Json = False,
 ) -> None:
     """Build a world: preview, mesh and true occupancy map."""
-    from slamsim.console.reporter import Reporter
     from slamsim.console.summary import labelled
     from slamsim.run.naming import output_folder
 
-    reporter = Reporter(quiet=quiet, as_json=as_json)
     loaded = loaded_config(name, config, set_, seed)
     resolved = loaded.config
     called = f"{resolved.world.name}_world"
@@ -97,6 +92,7 @@ def world(
     epilog="Example: slamsim simulate labyrinth --fault laser_world_fixed --fault lidar_late:0.02"
 )
 def simulate(
+    reporter: Reporter,
     name: World = "labyrinth",
     out: Out = None,
     seed: Seed = None,
@@ -105,14 +101,10 @@ def simulate(
     config: ConfigFile = None,
     faults: Faults = None,
     overwrite: Overwrite = False,
-    quiet: Quiet = False,
-    as_json: Json = False,
 ) -> Path:
     """Drive through a world and record what the sensors measure."""
-    from slamsim.console.reporter import Reporter
     from slamsim.run.naming import output_folder
 
-    reporter = Reporter(quiet=quiet, as_json=as_json)
     loaded = loaded_config(name, config, set_, seed, faults, drive_seed=drive_seed)
     called = loaded.config.world.name
     with output_folder(out, called, overwrite=overwrite, inputs=loaded.files) as folder:
@@ -129,24 +121,21 @@ app.command(epilog=LOCALISE_EPILOG)(localise)
 
 @app.command(epilog="Example: slamsim evaluate outputs/labyrinth")
 def evaluate(
+    reporter: Reporter,
     estimate: Annotated[Path, typer.Argument(help="Folder of a run, or a TUM trajectory.")],
     truth: Annotated[
         Path | None,
         typer.Option("--truth", help="True trajectory: TUM file or recording with truth."),
     ] = None,
     relations: Relations = None,
-    quiet: Quiet = False,
-    as_json: Json = False,
 ) -> None:
     """Score a trajectory and a map against the truth or against relations."""
-    from slamsim.console.reporter import Reporter
     from slamsim.console.summary import labelled
     from slamsim.guard.replaceable import require_apart
 
     require_apart((), (estimate, truth, relations))  # before libraries are loaded for seconds
     from slamsim.run.evaluation import evaluate_run
 
-    reporter = Reporter(quiet=quiet, as_json=as_json)
     scores = evaluate_run(estimate, truth, relations, reporter)
     reporter.table(f"Scores of {estimate}", labelled(scores))
     reporter.result(scores)

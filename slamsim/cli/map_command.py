@@ -8,20 +8,13 @@ from typing import Annotated
 
 import typer
 
-from slamsim.cli.common import close_run, loaded_config, selection
+from slamsim.cli.common import Reporter, Selection, close_run, loaded_config
 from slamsim.console.options import (
-    BaseFrame,
-    CloudHeight,
     ConfigFile,
     DriveSeed,
-    ImuTopic,
-    Json,
-    OdomTopic,
     Out,
     Overwrite,
-    Quiet,
     Relations,
-    ScanTopic,
     Seed,
     Set,
     Verbose,
@@ -109,6 +102,7 @@ Earlier = Annotated[
 
 
 def map_(
+    reporter: Reporter,
     source: Source = "labyrinth",
     out: Out = None,
     seed: Seed = None,
@@ -116,11 +110,8 @@ def map_(
     set_: Set = None,
     config: ConfigFile = None,
     relations: Relations = None,
-    scan_topic: ScanTopic = None,
-    odom_topic: OdomTopic = "",
-    imu_topic: ImuTopic = "",
-    base_frame: BaseFrame = "",
-    cloud_height: CloudHeight = "",
+    *,
+    wanted: Selection,
     tags: Tags = "",
     without: Without = "",
     intrinsics: Intrinsics = "",
@@ -132,14 +123,10 @@ def map_(
     start: Start = None,
     overwrite: Overwrite = False,
     verbose: Verbose = False,
-    quiet: Quiet = False,
-    as_json: Json = False,
 ) -> Path:
     """Map a world or a recording, and evaluate the map."""
-    from slamsim.console.reporter import Reporter
     from slamsim.run.naming import is_recording, output_folder, recording_name
 
-    reporter = Reporter(quiet=quiet, as_json=as_json)
     recorded = is_recording(source)
     set_ = [*(set_ or ()), *_asked(tags, labels, calibration, places=places, obstacles=obstacles)]
     loaded = loaded_config(None if recorded else source, config, set_, seed, drive_seed=drive_seed)
@@ -163,7 +150,7 @@ def map_(
                 without=without,
                 intrinsics=intrinsics,
                 relations=relations,
-                wanted=selection(scan_topic, odom_topic, imu_topic, base_frame, cloud_height),
+                wanted=wanted,
                 earlier=chosen_earlier(earlier, start),
                 overwrite=overwrite,
             )
@@ -201,6 +188,7 @@ def _asked(
 
 
 def localise(
+    reporter: Reporter,
     source: Annotated[Path, typer.Argument(help="A recording.")],
     known: Annotated[
         Path, typer.Option("--in", help="The map: folder of a mapped run, or a ROS map.yaml.")
@@ -209,21 +197,14 @@ def localise(
     out: Out = None,
     set_: Set = None,
     config: ConfigFile = None,
-    scan_topic: ScanTopic = None,
-    odom_topic: OdomTopic = "",
-    imu_topic: ImuTopic = "",
-    base_frame: BaseFrame = "",
-    cloud_height: CloudHeight = "",
+    *,
+    wanted: Selection,
     overwrite: Overwrite = False,
     verbose: Verbose = False,
-    quiet: Quiet = False,
-    as_json: Json = False,
 ) -> Path:
     """Localise a recording in a finished map."""
-    from slamsim.console.reporter import Reporter
     from slamsim.run.naming import output_folder, recording_name
 
-    reporter = Reporter(quiet=quiet, as_json=as_json)
     loaded = loaded_config(None, config, set_, None)
     name = f"{recording_name(str(source))}_in_{known.resolve().name}"
     inputs = (source, known, *loaded.files)
@@ -238,7 +219,7 @@ def localise(
             folder,
             reporter,
             start=start_pose(start),
-            wanted=selection(scan_topic, odom_topic, imu_topic, base_frame, cloud_height),
+            wanted=wanted,
             overwrite=overwrite,
         )
     close_run(reporter, report, folder, verbose=verbose)

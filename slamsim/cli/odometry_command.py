@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from slamsim.console.options import Json, Out, Overwrite, Quiet
+from slamsim.cli.common import Reporter
+from slamsim.console.options import Out, Overwrite
 
 if TYPE_CHECKING:
     from slamsim.run.cameras.odometry import CameraPath
@@ -43,20 +44,17 @@ Intrinsics = Annotated[
 
 
 def odometry(
+    reporter: Reporter,
     source: Source,
     out: Out = None,
     truth: Truth = None,
     depth: DepthTopic = "",
     intrinsics: Intrinsics = "",
     overwrite: Overwrite = False,
-    quiet: Quiet = False,
-    as_json: Json = False,
 ) -> None:
     """Follow a depth camera by its images alone, without lidar, wheels and IMU."""
-    from slamsim.console.reporter import Reporter
     from slamsim.run.naming import output_folder, recording_name
 
-    reporter = Reporter(quiet=quiet, as_json=as_json)
     name = f"{recording_name(str(source))}_odometry"
     with output_folder(out, name, overwrite=overwrite, inputs=(source, truth)) as folder:
         from slamsim.run.cameras.odometry import camera_odometry

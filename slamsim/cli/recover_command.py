@@ -7,12 +7,14 @@ from typing import Annotated
 
 import typer
 
-from slamsim.console.options import Json, Overwrite, Quiet
+from slamsim.cli.common import Reporter
+from slamsim.console.options import Overwrite
 
 EPILOG = "Example: slamsim recover my_rosbag2/ --out whole/"
 
 
 def recover(
+    reporter: Reporter,
     source: Annotated[
         Path,
         typer.Argument(
@@ -31,15 +33,11 @@ def recover(
         ),
     ] = None,
     overwrite: Overwrite = False,
-    quiet: Quiet = False,
-    as_json: Json = False,
 ) -> None:
     """Recover all intact messages of a truncated or damaged recording."""
-    from slamsim.console.reporter import Reporter
     from slamsim.io.salvage.source import damaged_recording
     from slamsim.run.naming import output_folder, recording_name
 
-    reporter = Reporter(quiet=quiet, as_json=as_json)
     damaged = damaged_recording(source)
     inputs = (damaged.path, source if source.exists() else None)
     name = f"{recording_name(str(source))}_recovered"

@@ -6,7 +6,8 @@ from typing import Annotated
 
 import typer
 
-from slamsim.console.options import Jobs, Json, Out, Overwrite, Quiet, Seed, Set
+from slamsim.cli.common import Reporter
+from slamsim.console.options import Jobs, Out, Overwrite, Seed, Set
 from slamsim.scenarios.registry import ALL, ENTRIES
 
 _LINES = "\n".join(f"[bold]{entry.name}[/bold]: {entry.asks}" for entry in ENTRIES)
@@ -22,6 +23,7 @@ EPILOG = (
 
 
 def scenario(
+    reporter: Reporter,
     name: Annotated[
         str,
         typer.Argument(metavar="NAME|all", help="Name of a scenario, or all.", show_default=False),
@@ -35,16 +37,12 @@ def scenario(
     ] = None,
     jobs: Jobs = None,
     overwrite: Overwrite = False,
-    quiet: Quiet = False,
-    as_json: Json = False,
 ) -> None:
     from slamsim.config.scenarios.loading import load_scenarios
-    from slamsim.console.reporter import Reporter
     from slamsim.run.naming import loaded, output_folder
     from slamsim.scenarios.registry import find_entries
 
     entries = find_entries(name)
-    reporter = Reporter(quiet=quiet, as_json=as_json)
     types = {entry.key: entry.config_type() for entry in entries}
     read = loaded(lambda: load_scenarios(types, config, set_ or (), seed))
     key = entries[0].key if len(entries) == 1 else ALL

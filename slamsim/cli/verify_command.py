@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from slamsim.console.options import Json, Quiet
+from slamsim.cli.common import Reporter
 from slamsim.guard.errors import DataDamaged
 
 EPILOG = (
@@ -16,6 +16,7 @@ EPILOG = (
 
 
 def verify(
+    reporter: Reporter,
     place: Annotated[
         str,
         typer.Argument(
@@ -24,12 +25,9 @@ def verify(
             show_default=False,
         ),
     ],
-    quiet: Quiet = False,
-    as_json: Json = False,
 ) -> None:
     """Compare files with their checksums, and list files without one."""
-    from slamsim.console.reporter import Reporter
     from slamsim.run.verifying import verify_and_tell
 
-    whole = verify_and_tell(place, Reporter(quiet=quiet, as_json=as_json))
+    whole = verify_and_tell(place, reporter)
     raise typer.Exit(0 if whole else DataDamaged.exit_code)

@@ -10,14 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from slamsim.cli.common import selection
+from slamsim.cli.common import Selection
 from slamsim.console.options import (
-    BaseFrame,
-    CloudHeight,
-    ImuTopic,
-    OdomTopic,
     OverwriteFile,
-    ScanTopic,
 )
 
 if TYPE_CHECKING:
@@ -40,11 +35,8 @@ def view(
         Path | None,
         typer.Option("--screenshot", metavar="FILE", help="Render to this PNG, without a screen."),
     ] = None,
-    scan_topic: ScanTopic = None,
-    odom_topic: OdomTopic = "",
-    imu_topic: ImuTopic = "",
-    base_frame: BaseFrame = "",
-    cloud_height: CloudHeight = "",
+    *,
+    wanted: Selection,
     overwrite: OverwriteFile = False,
 ) -> None:
     """View a run, or a recording as it is, in Rerun."""
@@ -53,7 +45,6 @@ def view(
     with output_file(screenshot, overwrite=overwrite, inputs=(run,)) as picture:
         from slamsim.report.viewer.show import view_run
 
-        wanted = selection(scan_topic, odom_topic, imu_topic, base_frame, cloud_height)
         with _shown(run, wanted) as rerun:
             view_run(rerun, web=web, screenshot=picture)
 
