@@ -56,7 +56,7 @@ def fails(monkeypatch: pytest.MonkeyPatch, stage: str, error: Exception) -> None
 
 
 def result() -> SlamResult:
-    return run_slam(example().log, SlamConfig())
+    return run_slam(example().log, SlamConfig(calibrate_laser=False))
 
 
 @pytest.mark.parametrize("stage", ["closures", "solve", "calibrate", "refine", "check", "smooth"])
@@ -104,7 +104,7 @@ def recording(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("stage", ["refine", "map", "report"])
+@pytest.mark.parametrize("stage", [pytest.param("refine", marks=pytest.mark.slow), "map", "report"])
 def test_a_run_with_a_failed_stage_is_on_disk_and_ends_with_1(
     monkeypatch: pytest.MonkeyPatch, recording: Path, tmp_path: Path, stage: str
 ) -> None:

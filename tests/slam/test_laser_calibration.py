@@ -97,9 +97,9 @@ def drawn(seed: int) -> LaserErrors:
 
 def test_random_errors_are_found_as_surely_as_claimed_and_corrected() -> None:
     sigmas_off = []
-    for seed in range(4):
+    for seed in range(2):
         errors = drawn(seed)
-        true, found = true_values(errors), found_in(errors.of(healthy(seed % 2).log))
+        true, found = true_values(errors), found_in(errors.of(healthy(seed).log))
         sigmas_off.append((found.values - true) / found.sigmas)
         assert (found.sigmas < [1e-3, 3e-3, 1e-3, 6e-3, 6e-3, 5e-3]).all()
         place = np.array([0.0, 0.0, 0.0, POSES_TOLERANCE_M, POSES_TOLERANCE_M, 0.0])
@@ -123,7 +123,7 @@ def test_errors_of_sixteen_drives_are_as_large_as_claimed() -> None:
     assert (by_number > 0.01).all(), "sigmas ten times too large tell nothing"
 
 
-@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_healthy_laser_is_left_alone(seed: int) -> None:
     log = healthy(seed).log
     found = found_in(log)
@@ -218,7 +218,7 @@ def test_small_errors_hardly_cost_anything() -> None:
     wrong = errors.of(simulated.log)
     slam = run_slam(wrong, SlamConfig())
     alone = run_slam(wrong, SlamConfig(calibrate_laser=False))
-    true = run_slam(simulated.log, SlamConfig())
+    true = run_slam(simulated.log, SlamConfig(calibrate_laser=False))
     ate_m = [ate_rmse_m(one.trajectory, simulated.truth) for one in (slam, alone, true)]
     assert ate_m[0] < 1.5 * ate_m[2] + 0.001
     assert ate_m[0] < 0.2 * ate_m[1]

@@ -12,6 +12,7 @@ from slamsim.slam.mapping.raytrace import clear_shares, update_log_odds, walk_be
 
 WEIGHTS = np.array([0.8, -0.4, -3.0, 3.0])
 coordinate = st.floats(0.0, 40.0, allow_nan=False)
+near = st.floats(0.0, 12.0, allow_nan=False)
 
 
 def walked(start: FloatArray, end: FloatArray) -> list[tuple[int, int]]:
@@ -36,13 +37,13 @@ def span_in_cell(start: FloatArray, end: FloatArray, cell: tuple[int, int], grow
 
 
 @settings(max_examples=300)
-@given(coordinate, coordinate, coordinate, coordinate)
+@given(near, near, near, near)
 def test_a_beam_passes_exactly_the_cells_that_hold_a_piece_of_it(
     x0: float, y0: float, x1: float, y1: float
 ) -> None:
     start, end = np.array([x0, y0]), np.array([x1, y1])
     found = set(walked(start, end))
-    for cell in [(column, row) for column in range(-1, 42) for row in range(-1, 42)]:
+    for cell in [(column, row) for column in range(-1, 14) for row in range(-1, 14)]:
         if span_in_cell(start, end, cell, grow=-1e-9) > 1e-6:
             assert cell in found
         if span_in_cell(start, end, cell, grow=1e-9) < 0.0:

@@ -83,7 +83,7 @@ def test_two_lidars_see_behind_the_robot_what_one_does_not() -> None:
     front = replace(both, scans=ScanList([replace(scan, beside=()) for scan in both.scans]))
     errors_m, walls = [], []
     for log in (front, both):
-        way = run_slam(log, SlamConfig()).trajectory
+        way = run_slam(log, SlamConfig(calibrate_laser=False)).trajectory
         errors_m.append(float(np.hypot.reduce(compare(way, truth()).translation_m)))
         first = ScanList([next(iter(log.scans))])
         seen = build_grid(first, way, log.T_base_laser, MappingConfig())
