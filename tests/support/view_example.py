@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -133,6 +134,7 @@ def drifted(truth: PlanarTrajectory, yaw_rad_s: float, scale: float) -> FloatArr
     return np.array(poses)
 
 
+@cache
 def example_run(duration_s: float = 40.0, with_truth: bool = True) -> RunView:
     rng = np.random.default_rng(7)
     truth = driven(duration_s, 0.1)
