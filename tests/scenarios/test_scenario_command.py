@@ -103,7 +103,7 @@ def test_an_unknown_name_gets_the_nearest(wrong: str, meant: str) -> None:
 
 def test_the_command_leaves_a_whole_folder_and_tells_its_numbers(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    words = ["integrator", "--out", str(out), "--json", "--seed", "4", *FEW]
+    words = ["integrator", "--out", str(out), "--json", "--seed", "4", "--jobs", "1", *FEW]
     done = typed("scenario", *words, cwd=tmp_path)
 
     assert (done.returncode, done.stderr) == (0, "")

@@ -241,7 +241,7 @@ class Unresolved(SensorEntry):
     ("module", "why"),
     [
         ("raise SystemExit(3)", "SystemExit"),
-        ("def broken(:", "SyntaxError"),
+        pytest.param("def broken(:", "SyntaxError", marks=pytest.mark.slow),
         (TAKEN, "there is a kind 'gyro_bias' already"),
         (UNRESOLVED, "no type 'sonar'.*Nothing"),
     ],

@@ -159,7 +159,7 @@ def test_every_edit_with_an_inverse_is_tried() -> None:
 
 @pytest.mark.parametrize("kind", INVERTIBLE, ids=lambda kind: kind.__name__)
 @given(data=st.data())
-@settings(max_examples=25)
+@settings(max_examples=10)
 def test_an_edit_and_its_inverse_give_the_recording_back(kind: type[Edit], data: Any) -> None:
     """Exactly where integers are changed, to rounding where floats are; counts but for turns of
     the counter before the first message."""

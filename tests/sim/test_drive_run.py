@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -48,6 +49,12 @@ def _windows(
     return windows, run.outcome
 
 
+@cache
+def _tour() -> tuple[list[Drive], DriveOutcome]:
+    """All of the small world, in windows of the usual length; only to be looked at."""
+    return _windows(_small_world(), DriveConfig(follow=QUICK))
+
+
 def _column(windows: list[Drive], name: str) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     return np.concatenate([getattr(window, name) for window in windows])
 
@@ -63,8 +70,7 @@ def _twists(folder: Path, *rows: str) -> RouteConfig:
 
 
 def test_a_tour_is_driven_to_its_end_without_touching_a_wall() -> None:
-    world, config = _small_world(), DriveConfig(follow=QUICK)
-    windows, outcome = _windows(world, config)
+    world, (windows, outcome) = _small_world(), _tour()
     assert outcome.finished, outcome
     assert not _column(windows, "wall_contact").any()
     path = _column(windows, "positions_m")[:, :2]
@@ -77,19 +83,16 @@ def test_a_tour_is_driven_to_its_end_without_touching_a_wall() -> None:
 
 
 def test_windows_follow_one_another_without_gap_or_overlap_whatever_their_length() -> None:
-    world = _small_world()
-    digests = set()
-    for window_s in (10.0, 1.0, 0.33):
-        config = DriveConfig(follow=QUICK, physics=PhysicsConfig(window_s=window_s))
-        windows, _ = _windows(world, config)
+    short = DriveConfig(follow=QUICK, physics=PhysicsConfig(window_s=0.33))
+    both = {DriveConfig().physics.window_s: _tour()[0], 0.33: _windows(_small_world(), short)[0]}
+    for window_s, windows in both.items():
         stamps = _column(windows, "stamps_ns")
         steps = np.arange(len(stamps))
         expected = [START_NS + round(k * 1e9 / 240) for k in steps[:1000].tolist()]
         assert stamps[:1000].tolist() == expected
         np.testing.assert_array_equal(stamps, stamps_ns(0, len(steps), 240))
         assert all(len(window) <= round(window_s * 240) + 6 for window in windows)
-        digests.add(_digest(windows))
-    assert len(digests) == 1
+    assert len(set(map(_digest, both.values()))) == 1
 
 
 def test_stamps_are_exact_after_days() -> None:
@@ -103,20 +106,18 @@ def test_the_same_drive_twice_to_the_last_bit() -> None:
     route = plan_route(world, ROBOT, config)
     run = DriveRun(world, ROBOT, route, config)
     first, second = _digest(list(run)), _digest(list(run))
-    other, _ = _windows(_small_world(), config)
-    assert first == second == _digest(other)
+    assert first == second == _digest(_tour()[0])
 
 
 def test_a_drive_is_not_disturbed_by_another_one_beside_it() -> None:
     world, config = _small_world(), DriveConfig(follow=QUICK, physics=PhysicsConfig(window_s=1.0))
     route = plan_route(world, ROBOT, config)
-    alone = _digest(list(DriveRun(world, ROBOT, route, config)))
     beside = iter(DriveRun(hall(), ROBOT, route, config))
     together = []
     for window in DriveRun(world, ROBOT, route, config):
         together.append(window)
         next(beside, None)
-    assert _digest(together) == alone
+    assert _digest(together) == _digest(_tour()[0])
 
 
 def test_a_drive_given_up_half_way_leaves_no_engine_behind() -> None:
@@ -149,7 +150,7 @@ def test_a_largest_duration_ends_in_a_standstill() -> None:
 
 
 def test_the_drive_begins_and_ends_standing() -> None:
-    windows, _ = _windows(_small_world(), DriveConfig(follow=QUICK))
+    windows, _ = _tour()
     speed = np.linalg.norm(_column(windows, "linear_velocity_m_s"), axis=1)
     assert speed[:120].max() < 1e-3
     assert speed[-115:].max() < 1e-3

@@ -231,7 +231,7 @@ def test_what_cannot_be_is_refused(wrong: object) -> None:
         wrong()  # type: ignore[operator]
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(st.floats(-30.0, 30.0), st.floats(-60.0, 60.0), st.floats(-1e4, 1e4))
 def test_physics_that_bursts_ends_with_a_reason(
     mass_power: float, inertia_power: float, speed: float

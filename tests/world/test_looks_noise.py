@@ -75,7 +75,7 @@ def test_a_pixel_is_the_mean_of_its_parts(kind: Pattern) -> None:
     rng, pixel = np.random.default_rng(1), 0.02
     inner = (np.arange(8) + 0.5) / 8 - 0.5
     wrong = []
-    for u, v in rng.uniform(0, 10, (300, 2)):
+    for u, v in rng.uniform(0, 10, (100, 2)):
         whole = pattern_at(kind, u, v, 64, 0.2, 0.01, 0.5, pixel)
         parts = np.array(
             [
