@@ -33,8 +33,7 @@ def test_every_bundled_recipe_loads_and_means_the_same_without_its_files(
     again = load_recipe(str(path))
     assert again == recipe
     assert Recipe.model_validate(recipe.model_dump(mode="json")) == recipe
-    for index in (0, 7, 123):
-        assert sequence_spec(again, index, 200) == sequence_spec(recipe, index, 200)
+    assert sequence_spec(again, 123, 200) == sequence_spec(recipe, 123, 200)
 
 
 @settings(max_examples=20)

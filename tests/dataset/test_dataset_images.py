@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 import slamsim.dataset
 from slamsim.cameras.codecs.planes import pack_planes, unpack_planes
 from slamsim.dataset.catalogue.verify import verify
-from slamsim.dataset.make.engines.local import LocalEngine
+from slamsim.dataset.make.engines.local import WorkEngine
 from slamsim.dataset.make.make import make_dataset
 from slamsim.dataset.make.produce import produce
 from slamsim.dataset.recipe.draw import sequence_spec
@@ -77,10 +77,10 @@ def recipe_file(folder: Path, **changes: object) -> str:
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def made(tmp_path_factory: pytest.TempPathFactory, one_worker: WorkEngine) -> Path:
     folder = tmp_path_factory.mktemp("seen")
     recipe = load_recipe(recipe_file(folder))
-    summary = make_dataset(recipe, COUNT, str(folder / "set"), LocalEngine(1))
+    summary = make_dataset(recipe, COUNT, str(folder / "set"), one_worker)
     assert summary.failures == ()
     return folder / "set"
 
@@ -252,7 +252,7 @@ def test_a_robot_without_cameras_has_no_image_folders(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["diverse_rgbd", "stereo_imu"])
 def test_bundled_recipes_have_cameras_and_many_looks(name: str) -> None:
     recipe = load_recipe(name)
-    specs = [sequence_spec(recipe, index, 40) for index in range(40)]
+    specs = [sequence_spec(recipe, index, 40) for index in range(0, 40, 2)]
     assert all(spec.config.sensors.additional for spec in specs)
     assert len({spec.config.world.looks.family for spec in specs}) == 5
     for spec in specs:

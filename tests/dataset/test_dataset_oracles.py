@@ -84,8 +84,8 @@ def test_beams_end_where_a_ray_through_all_triangles_ends(files: Files) -> None:
     T_base_laser = build_robot(files.config.robot).T_base_laser
     corners = world.mesh.vertices_m[world.mesh.triangles]
     random, wrong = np.random.default_rng(1), 0
-    chosen = random.integers(0, len(scans["stamp_ns"]), 300)
-    beams = random.integers(0, lidar.beam_count, 300)
+    chosen = random.integers(0, len(scans["stamp_ns"]), 120)
+    beams = random.integers(0, lidar.beam_count, 120)
     instants_ns = scans["true_stamp_ns"][chosen] + beams * lidar.beam_dt_ns
     positions, turns = base_at(files, instants_ns.astype(float))
     for scan, beam, position, turned in zip(chosen, beams, positions, turns, strict=True):

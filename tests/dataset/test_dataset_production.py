@@ -94,7 +94,7 @@ def test_workers_that_die_cost_nothing_but_a_retry(
 def test_a_sequence_that_fails_three_times_is_recorded_and_the_rest_goes_on(
     orders: Path, one_worker: WorkEngine, tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
-    (orders / "5").write_text("crash crash crash")
+    (orders / "5").write_text("refuse refuse crash")
     (orders / "6").write_text("refuse refuse refuse")
     summary = make(tmp_path / "set", orders, COUNT)
     assert [(failure.index, failure.reason) for failure in summary.failures] == [
@@ -290,7 +290,7 @@ def test_a_killed_run_leaves_no_worker_and_the_same_command_goes_on(
     orders: Path, one_worker: WorkEngine, tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
     folder = tmp_path / "set"
-    with start(folder, orders, COUNT, 2, 0.1) as process:
+    with start(folder, orders, COUNT, 1, 0.1) as process:
         _wait_for_sequences(folder, 3, process)
         workers = workers_of(process.pid)
         process.kill()
