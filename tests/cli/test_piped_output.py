@@ -14,6 +14,7 @@ from typing import Any, get_args
 
 import pytest
 import typer
+import yaml
 from board_images import TYPED, board_views, write_views
 from rgbd_room import write_images
 from table_numbers import numbers_without_source
@@ -25,10 +26,15 @@ from slamsim.cli.main import app
 from slamsim.config.bundled import bundled_names
 from slamsim.config.drive import RouteConfig
 from slamsim.console.reporter import Reporter
+from slamsim.dataset.recipe.loading import load_recipe
 from slamsim.sensors.faults.registry import bundled_faults
 
 FEW_BEAMS = ("--set", "sensors.lidar=lds_01")
 SHORT = ("--set", "drive.route.max_path_length_m=2", *FEW_BEAMS)
+FEW_TRIALS = (
+    *("--set", "steps={first_s: 0.01, last_s: 0.02, by_s: 0.01}"),
+    *("--set", "other_solvers={}"),
+)
 LIVE = (
     *("tiny", "--drive", "tour", "--rate", "max", "--duration", "2", "--no-slam", "--record"),
     *("--page-port", "0", "--rosbridge-port", "0", "--foxglove-port", "0"),
@@ -49,11 +55,11 @@ COMMANDS: Mapping[str, tuple[str, ...] | None] = {
     "calibrate": ("BOARDS", "--board", TYPED, "--out", "OUT"),
     "convert": ("IMAGES", "OUT"),
     "demo": ("--out", "OUT"),
-    "scenario": ("integrator", "--out", "OUT", "--jobs", "1"),
+    "scenario": ("integrator", "--out", "OUT", "--jobs", "1", *FEW_TRIALS),
     "identify": ("turtlebot2_study", "--out", "OUT", "--jobs", "1"),
     "verify": ("RUN",),
-    "dataset make": ("tiny", "-n", "1", "--out", "OUT", "--workers", "1"),
-    "dataset plan": ("tiny", "-n", "4", "--workers", "1"),
+    "dataset make": ("RECIPE", "-n", "1", "--out", "OUT", "--workers", "1"),
+    "dataset plan": ("RECIPE", "-n", "4", "--workers", "1"),
     "dataset preview": ("tiny", "-n", "1", "--out", "OUT.png"),
     "dataset verify": ("SET",),
     "dataset stats": ("SET",),
@@ -62,9 +68,18 @@ COMMANDS: Mapping[str, tuple[str, ...] | None] = {
     "fault": ("RUN", "OUT", "--fault", "laser_yaw:2"),
     "config": ("tiny",),
 }
-"""How each is called; RUN and LIVE are a mapped and a live run, IMAGES a folder of colour and
-depth, BOARDS one of a chessboard, SET a data set, OUT a new folder. None: it prints nothing but
+"""How each is called; OUT is a new folder, PLACES has the others. None: it prints nothing but
 errors."""
+
+PLACES = {
+    "RUN": "mapped",
+    "LIVE": "lived",
+    "IMAGES": "images",
+    "BOARDS": "boards",
+    "RECIPE": "recipe",
+    "SET": "small_set",
+}
+"""The fixture behind each name, which is made where a command is called with it."""
 
 LONG = {"demo", "identify"}
 WITHOUT_JSON = {"config"}
@@ -99,32 +114,54 @@ def mapped(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def arguments(name: str, run: Path, small_set: Path, out: Path) -> list[str]:
+@pytest.fixture(scope="module")
+def lived(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a live run."""
+    folder = tmp_path_factory.mktemp("piped") / "live"
+    done = CliRunner().invoke(app, ["live", "-q", "--out", str(folder), *LIVE])
+    assert done.exit_code == 0, done.output
+    return folder
+
+
+@pytest.fixture(scope="module")
+def images(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of colour and depth images."""
+    folder = tmp_path_factory.mktemp("piped") / "images"
+    write_images(folder, pinhole(160, 120, 69.0), 3)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def boards(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of images of a chessboard."""
+    folder = tmp_path_factory.mktemp("piped") / "boards"
+    write_views(folder, board_views(14))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def recipe(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Of a data set of drives that are shorter than those of the recipe ``tiny``."""
+    told = load_recipe("tiny").model_dump(mode="json")
+    path = tmp_path_factory.mktemp("piped") / "tiny.yaml"
+    path.write_text(yaml.safe_dump({**told, "duration_s": 4.0}))
+    return path
+
+
+def arguments(
+    name: str, request: pytest.FixtureRequest, out: Path
+) -> tuple[list[str], tuple[Path, ...]]:
+    """The words of a command, and the places that they name."""
     told = COMMANDS[name]
     assert told is not None
-    lived = run.parent / "live"
-    if "LIVE/drive_1" in told and not lived.exists():
-        done = CliRunner().invoke(app, ["live", "-q", "--out", str(lived), *LIVE])
-        assert done.exit_code == 0, done.output
-    images = run.parent / "images"
-    if "IMAGES" in told and not images.exists():
-        write_images(images, pinhole(160, 120, 69.0), 3)
-    boards = run.parent / "boards"
-    if "BOARDS" in told and not boards.exists():
-        write_views(boards, board_views(14))
-    places = {
-        "BOARDS": str(boards),
-        "RUN": str(run),
-        "LIVE": str(lived),
-        "SET": str(small_set),
-        "OUT": str(out),
+    places = {"OUT": out} | {
+        place: request.getfixturevalue(fixture)
+        for place, fixture in PLACES.items()
+        if any(re.match(rf"{place}(?=$|[./])", word) for word in told)
     }
-    places["IMAGES"] = str(images)
-    typed = (
-        re.sub(r"^(RUN|LIVE|IMAGES|BOARDS|SET|OUT)(?=$|[./])", lambda m: places[m[1]], word)
-        for word in told
-    )
-    return [*name.split(), *typed]
+    names = re.compile(rf"^({'|'.join(places)})(?=$|[./])")
+    typed = (names.sub(lambda m: str(places[m[1]]), word) for word in told)
+    return [*name.split(), *typed], tuple(places.values())
 
 
 def names_of_things() -> set[str]:
@@ -156,18 +193,19 @@ def digits(number: str) -> int:
     ],
 )
 def test_what_is_piped_is_plain_and_for_people_and_its_numbers_are_those_of_json(
-    name: str, mapped: Path, small_set: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    name: str, request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     results: list[Mapping[str, object]] = []
     monkeypatch.setattr(Reporter, "result", lambda _, values: results.append(values))
     monkeypatch.setenv("COLUMNS", "40")
-    done = CliRunner().invoke(app, arguments(name, mapped, small_set, tmp_path / "out"))
+    words, named = arguments(name, request, tmp_path / "out")
+    done = CliRunner().invoke(app, words)
     assert done.exit_code in (0, 1) and not isinstance(done.exception, Exception), done.output
     assert done.stdout and "\x1b" not in done.stdout + done.stderr
     assert not re.search("━| left$", done.stdout)
     if name in WITHOUT_JSON:
         return
-    places = re.compile("|".join(map(re.escape, (str(mapped), str(small_set), str(tmp_path)))))
+    places = re.compile("|".join(re.escape(str(place)) for place in (*named, tmp_path)))
     for line in places.sub("/", done.stdout).splitlines():
         assert line == line.rstrip() and "│" not in line, line
         assert not REPR.search(line), line
@@ -176,15 +214,15 @@ def test_what_is_piped_is_plain_and_for_people_and_its_numbers_are_those_of_json
         assert name in NAMES_FRAMES or set(KEY.findall(line)) <= names_of_things(), line
     if name not in WITHOUT_RESULT:
         assert results, "no result"
-        assert not numbers_without_source(done.stdout, results, (mapped, small_set, tmp_path))
+        assert not numbers_without_source(done.stdout, results, (*named, tmp_path))
 
 
 @pytest.mark.parametrize("name", ["world", "evaluate", "check", "verify", "dataset stats"])
 def test_json_alone_is_on_stdout_where_it_is_asked_for(
-    name: str, mapped: Path, small_set: Path, tmp_path: Path
+    name: str, request: pytest.FixtureRequest, tmp_path: Path
 ) -> None:
-    typed = arguments(name, mapped, small_set, tmp_path / "out")
-    done = CliRunner().invoke(app, [*typed, "--json"])
+    words, _ = arguments(name, request, tmp_path / "out")
+    done = CliRunner().invoke(app, [*words, "--json"])
     assert json.loads(done.stdout) and done.stderr == ""
 
 
@@ -213,7 +251,14 @@ def test_a_terminal_that_shows_no_colours_gets_no_escape_codes(
     assert "│ compared with" in shown.decode() and b"\x1b" not in shown
 
 
-@pytest.mark.parametrize("words", [["check", "--quick"], ["info", "--json"], ["verify"]])
+@pytest.mark.parametrize(
+    "words",
+    [
+        pytest.param(["check", "--quick"], marks=pytest.mark.slow),
+        ["info", "--json"],
+        ["verify"],
+    ],
+)
 def test_a_reader_that_has_seen_enough_changes_nothing(words: list[str], mapped: Path) -> None:
     """The verdict stays the exit code."""
     command = [sys.executable, "-c", MAIN, words[0], str(mapped), *words[1:]]
