@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -127,10 +128,9 @@ def test_raw_and_packed_images_of_one_imager_are_one_camera() -> None:
 def test_two_topics_of_one_camera_info_are_no_pair(
     boards: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "both").mkdir()
+    write_views(tmp_path / "views", board_views(9))
     for side in ("left", "right"):
-        write_views(tmp_path / side, board_views(9))
-        (tmp_path / side / "color").rename(tmp_path / "both" / side)
+        shutil.copytree(tmp_path / "views" / "color", tmp_path / "both" / side)
     found = calibrate_cameras(tmp_path / "both", tmp_path / "one", Wanted(board=TYPED), QUIET)
     assert len(found.pairs) == 1
     claim = SimpleNamespace(source="topic /camera_info")

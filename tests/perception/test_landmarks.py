@@ -36,7 +36,8 @@ from slamsim.slam.mapping.saved_map import read_saved_map, write_saved_map
 from slamsim.slam.session import map_log
 
 TAGS = tags_on_walls()
-CONFIG = SlamConfig()
+CONFIG = SlamConfig(calibrate_laser=False)
+"""Half of what a short log costs is the calibration of its laser, which has tests of its own."""
 
 
 @pytest.fixture(scope="module")
