@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
@@ -13,8 +13,9 @@ import numpy as np
 from scipy.stats import chi2
 
 from slamsim.config.run import RunConfig
-from slamsim.core.result import EventKind, PoseGraph, SlamResult
-from slamsim.core.types import FloatArray, Grid, PlanarTrajectory, Trajectory
+from slamsim.core.components import components
+from slamsim.core.result import Event, EventKind, PoseGraph, SlamResult
+from slamsim.core.types import BoolArray, FloatArray, Grid, PlanarTrajectory, Trajectory
 from slamsim.evaluate.bound import TrajectoryBound, trajectory_bound
 from slamsim.evaluate.budget import error_budget
 from slamsim.evaluate.consistency import nees, nees_in_map
@@ -22,6 +23,7 @@ from slamsim.evaluate.score import Scores, evaluate
 from slamsim.guard.quantities import as_count, as_lengths, as_number
 from slamsim.io.text.relations import Relations
 from slamsim.run.stages import Stages
+from slamsim.slam.mapping.joints import is_elsewhere
 from slamsim.world.model import World
 
 _log = logging.getLogger(__name__)
@@ -143,28 +145,70 @@ _SIGMAS = float(np.sqrt(chi2.ppf(0.95, 2)))
 """Radius of the circle that holds 95 % of normal positions in the plane."""
 
 
-def position_95_m(graph: PoseGraph) -> float | None:
-    """Within which every key frame's position in the map is, with 95 % each."""
-    if len(graph.keyframes) == 0:
-        return None
-    variances = np.linalg.eigvalsh(graph.position_covariances)[:, -1]
-    return float(_SIGMAS * np.sqrt(max(float(variances.max()), 0.0)))
+def positions_95_m(graph: PoseGraph, told: BoolArray) -> FloatArray:
+    """(k,) within which the position of each key frame in the map is, with 95 % each.
+
+    told: (n,) of which key frames. Where nothing joins parts of the map, nothing is known of how
+    they lie to each other: those of the first part count, relative to where it began.
+    """
+    ends = [(e.source, e.target) for e in graph.edges if e.weight > 0.0 and not is_elsewhere(e)]
+    part = components(np.array(ends, dtype=np.int64).reshape(-1, 2), len(graph.keyframes))
+    here = part == part[:1]
+    sure = graph.position_covariances if here.all() else graph.covariances[:, :2, :2]
+    variances = np.linalg.eigvalsh(sure[told & here])[:, -1]
+    return np.asarray(_SIGMAS * np.sqrt(np.maximum(variances, 0.0)))
 
 
 def verdict(result: SlamResult, path_m: float, ate_m: float | None) -> str:
-    """How good, how sure, what to look at. path_m: driven. ate_m: RMSE, None without a truth."""
+    """How good, how sure, what to look at. path_m: driven. ate_m: RMSE, None without a truth.
+
+    How sure is told of what needs no look, and on a condition: a covariance knows nothing of a
+    place that is torn, or of what lies beyond it.
+    """
     if path_m < _STILL_M:
         return "The robot did not move: this is what it saw from one place, not a map."
-    kinds = [event.kind for event in result.events]
-    looks = [f"{kinds.count(k)} {words}" for k, words in _DOUBTFUL.items() if k in kinds]
-    within_m = position_95_m(result.graph)
-    lengths_m = [length_m for length_m in (ate_m, within_m) if length_m is not None]
-    told = as_lengths(*lengths_m)
+    doubts = [event for event in result.events if event.kind in _DOUBTFUL]
+    plain = _outside(doubts, result.graph)
+    within_m = positions_95_m(result.graph, plain)
+    sure_m = [float(within_m.max()), float(np.median(within_m))] if within_m.size else []
+    told = as_lengths(*([] if ate_m is None else [ate_m]), *sure_m)
     parts = [_how_well_it_fits(result) if ate_m is None else f"{told[0]} from the truth (RMSE)"]
-    if within_m is not None:
-        parts.append(f"every position is sure within {told[-1]} (95 %)")
-    parts.append(f"places to look at: {', '.join(looks)}" if looks else _checked(result))
-    return f"{'A map with doubts' if looks else 'A whole map'}: {'; '.join(parts)}."
+    if doubts:
+        parts.append(f"places to look at: {_places(doubts, result.graph)}")
+        if sure_m:
+            rest = as_number(100.0 * float(np.mean(plain)), 2)
+            parts.append(
+                f"if it holds together there, the other {rest} % of its path is sure within "
+                f"{told[-2]}, half of it within {told[-1]} (95 %)"
+            )
+        return f"A map with doubts: {'; '.join(parts)}."
+    if sure_m:
+        parts.append(f"every position is sure within {told[-2]} (95 %)")
+    return f"A whole map: {'; '.join([*parts, _checked(result)])}."
+
+
+def _outside(events: Sequence[Event], graph: PoseGraph) -> BoolArray:
+    """(n,) whether each key frame was taken in none of these events."""
+    at_ns = graph.keyframes.stamps_ns
+    inside = [(one.start_ns <= at_ns) & (at_ns <= one.end_ns) for one in events]
+    return np.asarray(~np.any([np.zeros(len(at_ns), dtype=np.bool_), *inside], axis=0))
+
+
+def _places(doubts: Sequence[Event], graph: PoseGraph) -> str:
+    """How many of each kind, and where the longest of the gravest kind is in the map."""
+    of_kind = [[one for one in doubts if one.kind == kind] for kind in _DOUBTFUL]
+    told = [
+        f"{len(alike)} {words}"
+        for alike, words in zip(of_kind, _DOUBTFUL.values(), strict=True)
+        if alike
+    ]
+    gravest = next(alike for alike in of_kind if alike)
+    longest = max(gravest, key=lambda one: one.end_ns - one.start_ns)
+    middle_ns = (longest.start_ns + longest.end_ns) // 2
+    at = int(np.argmin(np.abs(graph.keyframes.stamps_ns - middle_ns)))
+    x_m, y_m = graph.keyframes.poses[at, :2]
+    told[0] += f"{', the longest' if len(gravest) > 1 else ''} near ({x_m:.1f}, {y_m:.1f}) m"
+    return ", ".join(told)
 
 
 def _how_well_it_fits(result: SlamResult) -> str:

@@ -20,11 +20,12 @@ from slamsim.cli.common import close_run
 from slamsim.cli.main import app
 from slamsim.config.loading import load_run_config, with_drive_seed
 from slamsim.console.reporter import Reporter
-from slamsim.core.result import Event
+from slamsim.core.result import Event, GraphEdge
 from slamsim.core.weighing import BY_WEIGHT, all_weighed, by_weight, weighed
 from slamsim.io.text.tum import read_tum
-from slamsim.run.scoring import position_95_m, verdict
+from slamsim.run.scoring import positions_95_m, verdict
 from slamsim.run.stages import Report
+from slamsim.slam.frontend.odometry import ELSEWHERE
 
 SHORT = ("--set", "drive.route.max_path_length_m=5", "--set", "sensors.lidar.rate_hz=10")
 EVENTS = st.lists(
@@ -55,14 +56,51 @@ def test_a_robot_that_did_not_move_made_no_map() -> None:
     assert "did not move" in verdict(example_run().result, 0.0, None)
 
 
-def test_a_verdict_says_how_good_how_sure_and_what_to_look_at() -> None:
-    result = example_run().result
-    within_m = position_95_m(result.graph)
-    assert within_m is not None
+def test_a_verdict_says_how_good_and_how_sure() -> None:
+    result = replace(example_run().result, events=())
+    count = len(result.graph.keyframes)
+    within_m = positions_95_m(result.graph, np.ones(count, dtype=np.bool_))
     worst = max(np.linalg.eigvalsh(one[:2, :2]).max() for one in result.graph.covariances)
-    assert within_m == pytest.approx(np.sqrt(5.991 * worst), rel=1e-3)
+    assert within_m.max() == pytest.approx(np.sqrt(5.991 * worst), rel=1e-3)
     told = verdict(result, 10.0, 0.01234)
-    assert "12.3 mm from the truth" in told and "(95 %)" in told
+    assert "12.3 mm from the truth" in told
+    assert "every position is sure within 24.5 mm (95 %)" in told
+
+
+def test_a_verdict_with_doubts_says_where_to_look_and_how_sure_the_rest_is() -> None:
+    result = example_run().result
+    stamps_ns, count = result.graph.keyframes.stamps_ns.tolist(), len(result.graph.keyframes)
+    unsure = result.graph.covariances.copy()
+    unsure[10:20] *= 1e6  # as where the scans fitted nothing
+    unsure[20 : 20 + count // 2] *= 4.0
+    torn = [
+        Event(stamps_ns[2], stamps_ns[3], "torn", "torn"),
+        Event(stamps_ns[10], stamps_ns[19], "torn", "torn"),
+    ]
+    graph = replace(result.graph, covariances=unsure)
+    told = verdict(replace(result, graph=graph, events=tuple(torn)), 10.0, 0.01)
+    x_m, y_m = graph.keyframes.poses[14, :2]
+    assert f"2 where it may be torn, the longest near ({x_m:.1f}, {y_m:.1f}) m" in told
+    rest = f"{100.0 * (count - 12) / count:.2g}"
+    assert f"the other {rest} % of its path is sure within 49 mm, half of it within 49 mm" in told
+    everywhere = Event(stamps_ns[0], stamps_ns[-1], "lost", "lost")
+    assert "sure" not in verdict(replace(result, events=(everywhere,)), 10.0, 0.01)
+
+
+def test_how_sure_parts_are_that_nothing_joins_is_told_of_the_first() -> None:
+    graph = example_run().result.graph
+    count, half = len(graph.keyframes), len(graph.keyframes) // 2
+    chain = [
+        replace(edge, covariance=ELSEWHERE if edge.target == half else edge.covariance)
+        for edge in graph.edges
+        if edge.kind == "match"
+    ]
+    closure = GraphEdge(0, half, np.zeros(3), 1e-4 * np.eye(3), "closure")
+    in_map, told = np.tile(100.0 * np.eye(3), (count, 1, 1)), np.ones(count, dtype=np.bool_)
+    apart = replace(graph, edges=tuple(chain), in_map=in_map)
+    assert positions_95_m(apart, told) == pytest.approx(np.full(half, 0.0245), rel=1e-2)
+    joined = replace(apart, edges=(*chain, closure))
+    assert positions_95_m(joined, told) == pytest.approx(np.full(count, 24.5), rel=1e-2)
 
 
 def test_a_path_that_no_loop_checks_is_not_called_checked() -> None:

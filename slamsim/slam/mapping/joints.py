@@ -120,13 +120,13 @@ def doubtful_joints(graph: MapGraph, drives: Container[int]) -> Iterator[Event]:
     part = components(ends, count)
     stamps_ns, poses = graph.keyframes.stamps_ns, graph.keyframes.poses
     breaks = [edge for edge in graph.edges if edge.kind == "odometry"]
-    ends_at = [*(e.target for e in breaks if _elsewhere(e)), count]
+    ends_at = [*(e.target for e in breaks if is_elsewhere(e)), count]
     for edge in breaks:
         x, y = poses[edge.target, :2]
         if part[edge.source] != part[edge.target]:
             words = f"near ({x:.1f}, {y:.1f}) m {_how_loose(edge)}"
             yield Event(int(stamps_ns[edge.source]), int(stamps_ns[edge.target]), "joined", words)
-        elif _elsewhere(edge) and edge.target not in drives:
+        elif is_elsewhere(edge) and edge.target not in drives:
             end = next(k for k in ends_at if k > edge.target)
             words = _by_its_looks(edge.target, end, ends)
             yield Event(int(stamps_ns[edge.target]), int(stamps_ns[end - 1]), "joined", words)
@@ -144,13 +144,13 @@ def _by_its_looks(first: int, end: int, closures: IntArray) -> str:
     )
 
 
-def _elsewhere(edge: GraphEdge) -> bool:
+def is_elsewhere(edge: GraphEdge) -> bool:
     """Whether not even odometry tells where its end is."""
     return bool(edge.covariance[:2, :2].trace() >= ELSEWHERE_M**2)
 
 
 def _how_loose(edge: GraphEdge) -> str:
-    if _elsewhere(edge):
+    if is_elsewhere(edge):
         return (
             "the map goes on without being joined to what was mapped before: it is drawn beside it"
         )
