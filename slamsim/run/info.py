@@ -9,7 +9,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from slamsim.console.reporter import Reporter, aligned
-from slamsim.io.cameras import is_image_folder
+from slamsim.io.cameras import is_image_folder, open_cameras
+from slamsim.io.cameras.base import Cameras, CameraTopic
 from slamsim.io.formats import Survey, TopicFacts
 from slamsim.io.open import survey_recording
 from slamsim.io.selection import EVERYTHING, Selection
@@ -17,7 +18,6 @@ from slamsim.recording import RawScans, Recording
 from slamsim.recording.choice import Choice, choices, in_words, topics_of, without_scans
 from slamsim.recording.frame_graph import FrameGraph, FramePlace, drawn, outline
 from slamsim.report.figures.frames import write_frames
-from slamsim.run.cameras.listing import tell_images
 from slamsim.run.naming import log_of
 from slamsim.run.stages import Stages
 
@@ -47,7 +47,7 @@ def tell_info(
     """Show what is in a recording. options: as typed, for the next command; picture: where to
     draw the transform tree. Raises NotFound, InputRefused and OverrideRefused."""
     if source.is_dir() and is_image_folder(source):
-        tell_images(source, reporter)
+        _tell_images(source, reporter)
         return
     path = log_of(source)
     with Stages(reporter).stage("read"):
@@ -75,6 +75,30 @@ def tell_info(
             "next": command,
         }
     )
+
+
+def _tell_images(source: Path, reporter: Reporter) -> None:
+    """Show which images are in a folder, and of which cameras. Raises as ``open_cameras``."""
+    with Stages(reporter).stage("read"), open_cameras(source) as cameras:
+        topics = [_image_facts(cameras, topic) for _, topic in sorted(cameras.topics.items())]
+    command = shlex.join(["slamsim", "check", str(source)])
+    reporter.say(f"{source.name} (images)")
+    for each in topics:
+        camera = "with its camera" if each["camera"] else "no camera matrix"
+        seen = f"{each['kind']}, {each['messages']:,} images of {each['width']} x {each['height']}"
+        reporter.say(f"  {each['topic']}: {seen}, {camera}")
+    for topic, reason in cameras.unread.items():
+        reporter.say(f"  {topic}: not read: {reason}")
+    reporter.say(f"Next: {command}")
+    unread = [{"topic": name, "reason": reason} for name, reason in cameras.unread.items()]
+    about = {"name": source.name, "format": "images"}
+    reporter.result({**about, "topics": topics, "unread": unread, "next": command})
+
+
+def _image_facts(cameras: Cameras, topic: CameraTopic) -> dict[str, object]:
+    size = {"width": topic.width, "height": topic.height}
+    about = {"topic": topic.topic, "kind": topic.kind, "messages": topic.messages}
+    return {**about, **size, "camera": topic.topic in cameras.infos}
 
 
 def missing(survey: Survey) -> list[Missing]:
