@@ -191,15 +191,15 @@ class LiveLoop:
         self._stopping |= is_done or robot.time_s >= self.setup.duration_s
 
     def _window_ticks(self) -> int:
-        """One at real time. Eight ticks cost hardly twice what one does, so a loop that is late
-        catches up by taking those that it is behind into one window."""
+        """One at real time, as a command waits for the next window. Eight ticks cost hardly twice
+        what one does, so a loop that is late by whole ticks takes them into one window."""
         if self._step_ticks:
             return min(self._step_ticks, UNPACED_TICKS)
         rate = self.pace.rate
         if rate is None:
             return UNPACED_TICKS
         usual = max(round(rate), 1)
-        late = math.ceil(self.pace.behind_s * rate * 1e9 / self._tick_ns)
+        late = int(self.pace.behind_s * rate * 1e9 / self._tick_ns)
         return max(usual, min(usual + late, UNPACED_TICKS))
 
     def _hand_on(self, window: Window) -> None:
