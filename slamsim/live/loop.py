@@ -191,7 +191,7 @@ class LiveLoop:
         self._stopping |= is_done or robot.time_s >= self.setup.duration_s
 
     def _window_ticks(self) -> int:
-        """One at real time, as a command waits for the next window. Eight ticks cost hardly twice
+        """One at real time, as a command waits for the next window. Eight ticks cost about twice
         what one does, so a loop that is late by whole ticks takes them into one window."""
         if self._step_ticks:
             return min(self._step_ticks, UNPACED_TICKS)

@@ -8,6 +8,7 @@ as one compact thing is left out, it is that thing which moves.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from itertools import islice
 
 import numpy as np
 
@@ -50,7 +51,7 @@ def without_mover(
     """
     if agrees(near) or not _is_fast(near, prediction):
         return cloud, near
-    for thing in _compact_things(cloud):
+    for thing in islice(_compact_things(cloud), MOST_TRIED):
         rest = _left(cloud, ~thing)
         found = match(rest)
         if found is not None and agrees(found) and _loosened(near, found, prediction):
@@ -88,7 +89,6 @@ def _compact_things(cloud: Cloud) -> Iterator[BoolArray]:
     np.maximum.at(reach_m, number, off_m)
     compact = reach_m <= 0.5 * WIDEST_M
     done = np.zeros(count.size, dtype=np.bool_)
-    tried = 0
     for one in np.argsort(-count, kind="stable"):
         if not compact[one] or done[one]:
             continue
@@ -98,9 +98,6 @@ def _compact_things(cloud: Cloud) -> Iterator[BoolArray]:
         thing = np.zeros(cloud.hit.size, dtype=np.bool_)
         thing[hits] = together[number]
         yield thing
-        tried += 1
-        if tried == MOST_TRIED:
-            return
 
 
 def _numbered(points_m: FloatArray, origins_m: FloatArray) -> IntArray:
