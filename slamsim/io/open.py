@@ -79,7 +79,8 @@ def read_recording(
 
 def require_something(path: Path, found: Recording) -> None:
     """Raises InputRefused for a recording in which nothing was found that is read."""
-    beside = (found.transforms, found.robot_description, found.clock_ns, found.cameras)
+    images = (*found.cameras, *found.unread_cameras)
+    beside = (found.transforms, found.robot_description, found.clock_ns, images)
     if not found.streams and all(each is None or each == () for each in beside):
         there = ", ".join(sorted({each.type_name for each in found.topics if each.messages}))
         reason = f"there is nothing that could be checked, only {there or 'no message at all'}"

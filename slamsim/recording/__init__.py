@@ -255,7 +255,8 @@ class Recording:
     the file declares it or the size of its stamps tells. anomalies: what the reader could not
     make sense of, in words, with counts. topics: what the file holds, also of types that are not
     read; empty where that is just the streams. base_frame: of the robot, where a user names it.
-    cameras: what was looked at of images; empty unless that was asked for.
+    cameras: what was looked at of images; empty unless that was asked for. unread_cameras: (topic,
+    why) of those of which no image can be decoded.
     """
 
     name: str
@@ -270,6 +271,7 @@ class Recording:
     topics: tuple[RecordedTopic, ...] = ()
     base_frame: str = ""
     cameras: tuple[CameraSurvey, ...] = ()
+    unread_cameras: tuple[tuple[str, str], ...] = ()
 
     @property
     def base_frames(self) -> tuple[str, ...]:

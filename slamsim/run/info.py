@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,6 +12,7 @@ from slamsim.console.reporter import Reporter, aligned
 from slamsim.io.cameras import is_image_folder, open_cameras
 from slamsim.io.cameras.base import Cameras, CameraTopic
 from slamsim.io.formats import Survey, TopicFacts
+from slamsim.io.formats.ros import is_ros
 from slamsim.io.open import survey_recording
 from slamsim.io.selection import EVERYTHING, Selection
 from slamsim.recording import RawScans, Recording
@@ -47,19 +48,23 @@ def tell_info(
     """Show what is in a recording. options: as typed, for the next command; picture: where to
     draw the transform tree. Raises NotFound, InputRefused and OverrideRefused."""
     if source.is_dir() and is_image_folder(source):
-        _tell_images(source, reporter)
+        _tell_image_folder(source, reporter)
         return
     path = log_of(source)
     with Stages(reporter).stage("read"):
         survey = survey_recording(path, wanted)
+        images = _recorded_images(path)
     recording = survey.sample
-    found, lacking = choices(recording), missing(survey)
+    by_camera = _maps_by_camera(images)
+    found, lacking = choices(recording), missing(survey, by_camera=by_camera)
     frames = outline(recording.transforms)
-    command = next_command(source, found, options)
+    command = next_command(source, found, options, by_camera=by_camera)
     if picture is not None:
         write_frames(picture, frames, picture_format)
-    for line in _lines(survey, found, lacking, frames):
+    for line in (*_lines(survey, found, frames), *map("Images: {}".format, _image_lines(images))):
         reporter.say(line)
+    for each in lacking:
+        reporter.say(f"Missing: {each}")
     reporter.say(f"Next: {command}")
     reporter.result(
         {
@@ -68,6 +73,8 @@ def tell_info(
             **_times(survey),
             "messages": _messages(survey),
             "topics": [_facts(topic, found) for topic in survey.topics],
+            "images": images.get("topics", []),
+            "unread_images": images.get("unread", []),
             "transforms": [asdict(frame) for frame in frames],
             "reads": [asdict(choice) for choice in found],
             "missing": [asdict(each) for each in lacking],
@@ -77,22 +84,39 @@ def tell_info(
     )
 
 
-def _tell_images(source: Path, reporter: Reporter) -> None:
+def _tell_image_folder(source: Path, reporter: Reporter) -> None:
     """Show which images are in a folder, and of which cameras. Raises as ``open_cameras``."""
     with Stages(reporter).stage("read"), open_cameras(source) as cameras:
-        topics = [_image_facts(cameras, topic) for _, topic in sorted(cameras.topics.items())]
+        images = _images(cameras)
     command = shlex.join(["slamsim", "check", str(source)])
     reporter.say(f"{source.name} (images)")
-    for each in topics:
+    for line in _image_lines(images):
+        reporter.say(f"  {line}")
+    reporter.say(f"Next: {command}")
+    reporter.result({"name": source.name, "format": "images", **images, "next": command})
+
+
+def _recorded_images(path: Path) -> dict[str, list[dict[str, object]]]:
+    """As ``_images``, of a recording; empty for formats without."""
+    if not is_ros(path):
+        return {}
+    with open_cameras(path) as cameras:
+        return _images(cameras)
+
+
+def _images(cameras: Cameras) -> dict[str, list[dict[str, object]]]:
+    unread = [{"topic": name, "reason": reason} for name, reason in cameras.unread.items()]
+    topics = [_image_facts(cameras, topic) for _, topic in sorted(cameras.topics.items())]
+    return {"topics": topics, "unread": unread}
+
+
+def _image_lines(images: Mapping[str, Sequence[Mapping[str, object]]]) -> Iterator[str]:
+    for each in images.get("topics", ()):
         camera = "with its camera" if each["camera"] else "no camera matrix"
         seen = f"{each['kind']}, {each['messages']:,} images of {each['width']} x {each['height']}"
-        reporter.say(f"  {each['topic']}: {seen}, {camera}")
-    for topic, reason in cameras.unread.items():
-        reporter.say(f"  {topic}: not read: {reason}")
-    reporter.say(f"Next: {command}")
-    unread = [{"topic": name, "reason": reason} for name, reason in cameras.unread.items()]
-    about = {"name": source.name, "format": "images"}
-    reporter.result({**about, "topics": topics, "unread": unread, "next": command})
+        yield f"{each['topic']}: {seen}, {camera}"
+    for each in images.get("unread", ()):
+        yield f"{each['topic']}: not read: {each['reason']}"
 
 
 def _image_facts(cameras: Cameras, topic: CameraTopic) -> dict[str, object]:
@@ -101,14 +125,24 @@ def _image_facts(cameras: Cameras, topic: CameraTopic) -> dict[str, object]:
     return {**about, **size, "camera": topic.topic in cameras.infos}
 
 
-def missing(survey: Survey) -> list[Missing]:
-    """What would make a better map of the next recording, the most valuable first."""
+def _maps_by_camera(images: Mapping[str, Sequence[Mapping[str, object]]]) -> bool:
+    """Whether ``map`` can do without scans: by depth and pictures."""
+    kinds = {each["kind"] for each in images.get("topics", ())}
+    return "depth" in kinds and bool(kinds - {"depth"})
+
+
+def missing(survey: Survey, *, by_camera: bool = False) -> list[Missing]:
+    """What would make a better map of the next recording, the most valuable first. by_camera:
+    whether it can be mapped without scans."""
     recording = survey.sample
     kinds = {choice.what for choice in choices(recording)}
     found = []
     if "scans" not in kinds:
         needed = f"without {RawScans.schema.type_name} there is nothing to map"
-        found.append(Missing("no scans", needed + without_scans(topics_of(recording))))
+        worth = needed + without_scans(topics_of(recording))
+        if by_camera:
+            worth = "the depth camera maps in their place; it sees less far and less exactly"
+        found.append(Missing("no scans", worth))
     if "odometry" not in kinds:
         worth = (
             "scans alone carry the map; it slides along corridors and tears where the robot "
@@ -140,18 +174,15 @@ def _missing_frames(recording: Recording) -> Iterator[Missing]:
         )
 
 
-def next_command(source: Path, found: Sequence[Choice], options: Sequence[str]) -> str:
+def next_command(
+    source: Path, found: Sequence[Choice], options: Sequence[str], *, by_camera: bool
+) -> str:
     """What to type next."""
-    has_scans = any(choice.what == "scans" for choice in found)
-    return shlex.join(["slamsim", "map" if has_scans else "check", str(source), *options])
+    can_map = by_camera or any(choice.what == "scans" for choice in found)
+    return shlex.join(["slamsim", "map" if can_map else "check", str(source), *options])
 
 
-def _lines(
-    survey: Survey,
-    found: Sequence[Choice],
-    lacking: Sequence[Missing],
-    frames: Sequence[FramePlace],
-) -> Iterator[str]:
+def _lines(survey: Survey, found: Sequence[Choice], frames: Sequence[FramePlace]) -> Iterator[str]:
     recording = survey.sample
     yield f"{recording.name} ({recording.format}): {_span(survey)}"
     head: tuple[str, ...] = ("topic", "type", "messages", "rate", "frame", "")
@@ -162,8 +193,6 @@ def _lines(
     yield in_words(found) or f"Reading {_NOTHING}"
     for words in recording.anomalies:
         yield f"Odd: {words}"
-    for each in lacking:
-        yield f"Missing: {each}"
 
 
 def _row(topic: TopicFacts, found: Sequence[Choice]) -> tuple[str, ...]:

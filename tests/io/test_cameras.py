@@ -215,13 +215,19 @@ def test_a_topic_that_cannot_be_read_says_why(tmp_path: Path) -> None:
     with open_cameras(bag(tmp_path / "b.mcap", *late, good)) as cameras:
         assert set(cameras.topics) == {"/good", "/bad"} and not cameras.unread
     whole, some = (read_with_cameras(tmp_path / f"{name}.mcap") for name in "ab")
-    assert any("/bad: cannot be read: " in words for words in whole.anomalies) and not whole.unread
-    assert not some.anomalies and some.cameras[0].damaged.tolist() == [0, 1, 2, 3, 4]
+    assert not whole.anomalies and not whole.unread
+    ((topic, reason),) = whole.unread_cameras
+    assert topic == "/bad" and "neither" in reason
+    assert (
+        not some.unread_cameras
+        and not some.anomalies
+        and some.cameras[0].damaged.tolist() == [0, 1, 2, 3, 4]
+    )
     with open_cameras(bag(tmp_path / "c.mcap", ("/i", CAMERA.info()))) as cameras:
         assert not cameras.topics and list(cameras.frames()) == []
 
 
-def test_map_and_view_tell_why_images_cannot_be_read(tmp_path: Path) -> None:
+def test_check_map_and_view_tell_why_images_cannot_be_read(tmp_path: Path) -> None:
     cut = encode_jpeg(colours())[:-9]
     bag(tmp_path / "a.mcap", *(("/cam", CAMERA.packed(k, "jpeg", cut)) for k in range(3)))
     found = typed("map", "a.mcap", "--out", "mapped", cwd=tmp_path)
@@ -230,6 +236,33 @@ def test_map_and_view_tell_why_images_cannot_be_read(tmp_path: Path) -> None:
     seen = typed("view", "a.mcap", "--screenshot", "a.png", cwd=tmp_path)
     assert seen.returncode == 3
     assert "none of its images can be read; /cam: the JPEG is" in " ".join(seen.stderr.split())
+    checked = typed("check", "a.mcap", cwd=tmp_path)
+    assert checked.returncode == 1, "a fault, whatever else is in order"
+    told = " ".join(checked.stdout.split())
+    assert "camera_damaged /cam" in told and "can be decoded: the JPEG is cut off" in told
+
+
+def test_info_tells_the_images_of_a_recording(tmp_path: Path) -> None:
+    bag(
+        tmp_path / "a.mcap",
+        ("/cam/camera_info", CAMERA.info()),
+        ("/cam/image", CAMERA.raw(1, colours(), "rgb8")),
+        ("/depth", CAMERA.raw(1, np.full((6, 8), 900, np.uint16), "16UC1")),
+        *(("/bad", CAMERA.packed(k, "jpeg", b"text")) for k in range(3)),
+    )
+    told = typed("info", "a.mcap", cwd=tmp_path)
+    assert told.returncode == 0
+    for words in (
+        "Images: /cam/image: colour, 1 images of 8 x 6, with its camera",
+        "Images: /depth: depth, 1 images of 8 x 6",
+        "Images: /bad: not read: ",
+        "Missing: no scans: the depth camera maps in their place",
+        "Next: slamsim map a.mcap",
+    ):
+        assert words in told.stdout
+    facts = json.loads(typed("info", "a.mcap", "--json", cwd=tmp_path).stdout)
+    assert [each["topic"] for each in facts["images"]] == ["/cam/image", "/depth"]
+    assert [each["topic"] for each in facts["unread_images"]] == ["/bad"]
 
 
 CLAIMS: dict[str, tuple[dict[str, Any], str]] = {

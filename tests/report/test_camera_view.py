@@ -26,14 +26,14 @@ ROBOT = Robot(ROS2)
 DEPTH = np.full((24, 32), 1500, np.uint16)
 
 
-def camera(frame: str = "camera") -> list[tuple[str, int, Any]]:
+def camera(frame: str = "camera", focal_px: float = 30.0) -> list[tuple[str, int, Any]]:
     """Depth images and CameraInfo."""
     header = ROBOT.header(START_NS + 1, frame)
     image = ROS2.types["sensor_msgs/msg/Image"](
         header, 24, 32, "16UC1", 0, 64, DEPTH.view(np.uint8).ravel()
     )
     roi = ROS2.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
-    K = np.array([30.0, 0, 15.5, 0, 30.0, 11.5, 0, 0, 1])
+    K = np.array([focal_px, 0, 15.5, 0, focal_px, 11.5, 0, 0, 1])
     info = ROS2.types["sensor_msgs/msg/CameraInfo"](
         header, 24, 32, "plumb_bob", np.zeros(5), K, np.eye(3).ravel(), np.zeros(12), 0, 0, roi
     )
@@ -107,6 +107,20 @@ def test_cameras_are_shown_without_scans(tmp_path: Path) -> None:
     write_unmapped(tmp_path, EVERYTHING, tmp_path / "folder.rrd")
     for name in ("a", "folder"):
         assert b"cameras" in (tmp_path / f"{name}.rrd").read_bytes()
+
+
+def test_a_lens_that_none_can_be_is_told_and_its_images_are_shown(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = as_mcap(tmp_path / "a.mcap", [*ROBOT.drive(), *mounted(), *camera(focal_px=0.0)])
+    write_unmapped(path, EVERYTHING, tmp_path / "a.rrd")
+    (told,) = caplog.messages
+    assert "/cam/image" in told and "singular" in told
+    assert b"cameras" in (tmp_path / "a.rrd").read_bytes()
+    caplog.clear()
+    (_, image) = camera()
+    write_unmapped(as_mcap(tmp_path / "b.mcap", [image]), EVERYTHING, tmp_path / "b.rrd")
+    assert not caplog.messages, "nothing is claimed of it"
 
 
 def test_a_recording_with_neither_is_refused(tmp_path: Path) -> None:

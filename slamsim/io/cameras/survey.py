@@ -23,6 +23,7 @@ from slamsim.io.formats.ros import is_ros
 from slamsim.io.open import read_recording, recording_at, require_something
 from slamsim.io.selection import EVERYTHING, Selection
 from slamsim.recording import Recording
+from slamsim.recording.images import RawCameraInfos
 
 MOST_SAMPLED = 300
 """Images of a topic that are decoded, in runs of three: a second or so of each camera."""
@@ -42,6 +43,7 @@ _Seen = tuple[
 ]
 _NO_GRID, _NO_THUMBNAIL = np.zeros((0, 0), np.float32), np.zeros((0, 0), np.uint8)
 _NO_COLOURS = np.zeros((0, 0, 3))
+_INFO = RawCameraInfos.schema.type_name
 
 
 def with_cameras(recording: Recording, path: Path) -> Recording:
@@ -57,16 +59,19 @@ def with_cameras(recording: Recording, path: Path) -> Recording:
 
 
 def _with_survey(recording: Recording, cameras: Cameras) -> Recording:
-    """With what images show, and topics that cannot be read among the anomalies."""
+    """With what images show, and why topics cannot be read: those of CameraInfo are anomalies."""
     looks = survey(cameras)
-    unread = (f"{topic}: cannot be read: {why}" for topic, why in cameras.unread.items())
     looked_at = {each.topic for each in looks} | {
         claim.source.removeprefix("topic ") for claim in cameras.infos.values()
     }
+    infos = {each.topic for each in recording.topics if each.type_name == _INFO}
+    unread = cameras.unread.items()
+    odd = (f"{topic}: cannot be read: {why}" for topic, why in unread if topic in infos)
     return replace(
         recording,
         cameras=looks,
-        anomalies=(*recording.anomalies, *unread),
+        unread_cameras=tuple(each for each in unread if each[0] not in infos),
+        anomalies=(*recording.anomalies, *odd),
         unread=tuple(
             each for each in recording.unread if each.topic not in looked_at | set(cameras.unread)
         ),

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +24,8 @@ from slamsim.report.viewer.images import MOST_IMAGES, ShownCamera
 from slamsim.report.viewer.run import write_recording
 from slamsim.report.viewer.unmapped import unmapped
 from slamsim.run.naming import log_of
+
+_log = logging.getLogger(__name__)
 
 AHEAD: FloatArray = np.array(
     [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
@@ -73,14 +75,21 @@ def _boxes(
 
 
 def shown_cameras(cameras: Cameras, recording: Recording | None) -> list[ShownCamera]:
-    """Those whose claim a camera can be, at their places by the fixed transforms."""
+    """Those whose claim a camera can be, at their places by the fixed transforms. A claim that
+    none can be is told."""
     tree = tree_of(() if recording is None else recording.transforms)
     found = []
     for name, topic in cameras.topics.items():
-        with suppress(InputRefused, NotFound):
-            known = known_mounting(tree, BASE_FRAME, topic.frame_id)
-            T_base_camera = AHEAD if known is None else known[0]
-            found.append(ShownCamera(name, cameras.model(name), T_base_camera))
+        try:
+            model = cameras.model(name)
+        except NotFound:  # nothing is claimed
+            continue
+        except InputRefused as refusal:
+            _log.warning("%s is shown as flat images, without its place: %s", name, refusal)
+            continue
+        known = known_mounting(tree, BASE_FRAME, topic.frame_id)
+        T_base_camera = AHEAD if known is None else known[0]
+        found.append(ShownCamera(name, model, T_base_camera))
     return found
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import starmap
 
 from slamsim.cameras.survey import CameraSurvey
 from slamsim.check.evidence import RecordingEvidence
@@ -11,12 +12,16 @@ from slamsim.check.question import FaultKind, Question, judge, same_subject
 from slamsim.recording.repairs.base import Repair
 
 _MOST_NAMED = 5
+_ADVICE = (
+    "Look for a full disk, a bus or network that loses packets, or a recorder that was killed."
+)
 
 
 def check_damaged(evidence: RecordingEvidence) -> Iterator[Finding]:
     """Images whose bytes are cut off or contradict their checksums, and those that were decoded in
-    vain."""
-    return map(_judged, (one for one in evidence.recording.cameras if len(one)))
+    vain; topics of which not one could be read."""
+    yield from map(_judged, (one for one in evidence.recording.cameras if len(one)))
+    yield from starmap(_unread, evidence.recording.unread_cameras)
 
 
 DAMAGED = Question(
@@ -51,6 +56,10 @@ def _judged(camera: CameraSurvey) -> Finding:
         Measurement(count / len(camera), 0.0, ""),
         verdict="fault" if count else "ok",
         repairs=[Repair("drop_damaged_images", camera.topic)],
-        advice="Look for a full disk, a bus or network that loses packets, or a recorder that was "
-        "killed.",
+        advice=_ADVICE,
     )
+
+
+def _unread(topic: str, reason: str) -> Finding:
+    words = f"not one of the images that were tried can be decoded: {reason}"
+    return judge(DAMAGED, topic, words, verdict="fault", advice=_ADVICE)
