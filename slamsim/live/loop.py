@@ -25,6 +25,9 @@ from slamsim.world.model import World
 
 READ = ("/scan", "/imu/data", "/encoder_ticks", "/odom")
 """The topics of a simulated robot that its SLAM reads, as it reads them of a recording."""
+ROUTE_TICKS = 2
+"""Control ticks in a window while the robot follows a route: nothing waits for the next window, and
+two ticks cost little more than one. Driven by twists it is one, for these do wait."""
 UNPACED_TICKS = 8
 """Control ticks in a window while nothing is waited for: a tenth of a second, where the cost of a
 window no longer counts."""
@@ -191,14 +194,15 @@ class LiveLoop:
         self._stopping |= is_done or robot.time_s >= self.setup.duration_s
 
     def _window_ticks(self) -> int:
-        """One at real time, as a command waits for the next window. Eight ticks cost about twice
-        what one does, so a loop that is late by whole ticks takes them into one window."""
+        """Eight ticks cost about twice what one does, so a loop that is late by whole ticks takes
+        them into one window."""
         if self._step_ticks:
             return min(self._step_ticks, UNPACED_TICKS)
         rate = self.pace.rate
         if rate is None:
             return UNPACED_TICKS
-        usual = max(round(rate), 1)
+        least = 1 if self.steering.is_driven_by_twists else ROUTE_TICKS
+        usual = max(round(rate * least), 1)
         late = int(self.pace.behind_s * rate * 1e9 / self._tick_ns)
         return max(usual, min(usual + late, UNPACED_TICKS))
 

@@ -19,7 +19,7 @@ from slamsim.io.open import read_truth
 from slamsim.io.text.tum import write_tum
 from slamsim.live.hub import Hub, Message
 from slamsim.live.live_map import LiveMap
-from slamsim.live.loop import UNPACED_TICKS, LiveLoop, LiveSetup
+from slamsim.live.loop import ROUTE_TICKS, UNPACED_TICKS, LiveLoop, LiveSetup
 from slamsim.live.loop_controls import LoopControls
 from slamsim.live.mapping import MappingProcess
 from slamsim.live.published import SLAM_TOPICS
@@ -142,14 +142,14 @@ def test_pause_step_reset_and_rate(tmp_path: Path) -> None:
 def test_a_loop_that_is_late_takes_longer_windows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Each window costs more than a tick here: one tick a window would be later and later."""
+    """Each window costs more than it lasts here: its usual ticks would be later and later."""
     config = _config()
     advance, tick_s = LiveRobot.advance, 1.0 / config.drive.follow.control_rate_hz
     ticks: list[int] = []
 
     def slowly(robot: LiveRobot, wanted: int, driver: Driver) -> Window:
         ticks.append(wanted)
-        time.sleep(1.2 * tick_s)
+        time.sleep(1.2 * ROUTE_TICKS * tick_s)
         return advance(robot, wanted, driver)
 
     monkeypatch.setattr(LiveRobot, "advance", slowly)
@@ -157,8 +157,8 @@ def test_a_loop_that_is_late_takes_longer_windows(
     loop.set_pace(1.0, paused=False)
     loop.run()
     lived = ticks[1:]  # the first is that of the warm-up
-    assert lived[0] == 1 and max(lived) <= UNPACED_TICKS
-    assert len(lived) < sum(lived) / 1.2, "as long as they are late"
+    assert lived[0] == ROUTE_TICKS and max(lived) <= UNPACED_TICKS
+    assert len(lived) < sum(lived) / ROUTE_TICKS / 1.2, "as long as they are late"
 
 
 @pytest.mark.parametrize("twist", [(np.nan, 0.0), (0.0, np.inf), (1e300, 0.0)])
