@@ -80,6 +80,11 @@ class Steering:
         """Whether a twist was the last that was asked for, or nothing yet."""
         return self.mode == "manual" and self.driver is self.manual and self.goal == "none"
 
+    @property
+    def is_driven_by_belief(self) -> bool:
+        """Whether routes are followed by what SLAM believes; a tour goes by the true pose."""
+        return self.mode != "tour" and not self.is_driven_by_twists
+
     def take_over(self, speed_m_s: float, yaw_rate_rad_s: float, hold_s: float) -> None:
         """From now on twists come from outside, this one first."""
         if not self.is_driven_by_twists:
