@@ -33,7 +33,7 @@ BELIEF_TICKS = 8
 window: a tenth of a second."""
 UNPACED_TICKS = 32
 """In a window while nothing is waited for, 0.4 s: sixty seconds take 12 s of processor time by
-windows of 8 ticks, 6.4 s by 16, 4.2 s by 32, 4.4 s by 80. Also what is made up at once when late."""
+windows of 8 ticks, 6.4 s by 16, 4.2 s by 32, 4.4 s by 80. Also the most that is made up at once."""
 MOST_BEHIND = 40
 """Unpaced, the simulation waits for SLAM when it is so many scans behind."""
 WARM_S = 0.5

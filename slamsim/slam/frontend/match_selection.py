@@ -10,7 +10,7 @@ import numpy as np
 from slamsim.core.geometry import between
 from slamsim.core.types import Cloud, FloatArray
 from slamsim.slam.frontend.kidnap_detection import Surroundings
-from slamsim.slam.frontend.movers import without_mover
+from slamsim.slam.frontend.movers import Movers
 from slamsim.slam.frontend.prediction import Prediction
 from slamsim.slam.matching import Match, Matcher
 
@@ -85,6 +85,7 @@ class MatchSelector:
         self._likely_sigmas = LIKELY_SIGMAS
         self._placed_ns = 0
         self._surroundings = Surroundings()
+        self._movers = Movers()
         self.lost: list[Prediction] = []
         """Where the scans that fitted nowhere should have been, since the last that was placed
         without a second look: a lost robot finds what looks alike now and then."""
@@ -101,7 +102,7 @@ class MatchSelector:
         """The match to believe. T_map_coasting: (3,) where the robot is if it went on as it did."""
         self.doubtful = self.elsewhere = False
         near = matcher.match(cloud, prediction.T_map_base, prediction.covariance)
-        if near is not None:
+        if near is not None and self._believable(near, prediction):  # else it is not used anyway
             cloud, near = self._without_mover(matcher, cloud, prediction, near)
         look = _Look(matcher, cloud, prediction)
         if near is not None and not prediction.jump and self._as_usual(near, look):
@@ -146,7 +147,7 @@ class MatchSelector:
         def match(rest: Cloud) -> Match | None:
             return matcher.match(rest, prediction.T_map_base, prediction.covariance)
 
-        return without_mover(cloud, near, prediction, agrees, match)
+        return self._movers.left_out(cloud, near, prediction, agrees, match)
 
     def carried(self) -> bool:
         """Whether the lost scans say that the robot was carried: their odometry jumped, or nothing
