@@ -42,7 +42,7 @@ class OneMatch:
         at = self.T_map_base
         return Match(at, 1e4 * np.eye(3), self.inlier_ratio, 1.0, np.zeros((0, 3)))
 
-    search = match
+    search = match_part = match
 
     def support(self, cloud: Cloud, T_map_base: FloatArray) -> float:
         return 10.0 + self.gain * np.array_equal(T_map_base, self.T_map_base)

@@ -145,7 +145,7 @@ class MatchSelector:
             return prediction.distance(match) <= AGREE_SIGMAS
 
         def match(rest: Cloud) -> Match | None:
-            return matcher.match(rest, prediction.T_map_base, prediction.covariance)
+            return matcher.match_part(rest, prediction.T_map_base, prediction.covariance)
 
         return self._movers.left_out(cloud, near, prediction, agrees, match)
 

@@ -70,6 +70,12 @@ class Matcher(Protocol):
         """
         ...
 
+    def match_part(
+        self, part: Cloud, T_map_base_guess: FloatArray, prior_covariance: FloatArray
+    ) -> Match | None:
+        """As ``match``, of a part of a cloud: nothing is learnt of it about noise and usual fit."""
+        ...
+
     def search(
         self, cloud: Cloud, T_map_base_guess: FloatArray, prior_covariance: FloatArray
     ) -> Match | None:

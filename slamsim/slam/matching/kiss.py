@@ -95,6 +95,12 @@ class KissMatcher:
         T_map_base = se2_from_se3(T)
         return self._judge(points[:, :2], pieces, T_map_base_guess, T_map_base)
 
+    def match_part(
+        self, part: Cloud, T_map_base_guess: FloatArray, prior_covariance: FloatArray
+    ) -> Match | None:
+        """See ``Matcher.match_part``; nothing is learnt of any cloud."""
+        return self.match(part, T_map_base_guess, prior_covariance)
+
     def search(
         self, cloud: Cloud, T_map_base_guess: FloatArray, prior_covariance: FloatArray
     ) -> Match | None:

@@ -75,7 +75,7 @@ class LineMatcher:
         if self._cached is not None and self._cached[0] is cloud:
             return self._cached[1]
         self._noise.see(cloud)
-        pieces = surface_pieces(cloud, self._noise.sigma_m, self._map.cell_m, self._reach_m)
+        pieces = self._cut(cloud)
         self._noise.learn(pieces)
         self._cached = (cloud, pieces)
         return pieces
@@ -90,20 +90,36 @@ class LineMatcher:
         self, pieces: FloatArray, T_map_base_guess: FloatArray, prior_covariance: FloatArray
     ) -> Match | None:
         """``match`` for the (k, PIECE_FIELDS) pieces of a cloud."""
-        if self._map.empty or len(pieces) == 0:
-            return None
-        guess, prior = T_map_base_guess, _inverse(prior_covariance)
-        near = self._align(pieces, guess, guess, prior, self._near_gate(pieces, prior_covariance))
-        if near is None or near.fit < self._usual_fit - WORSE_FIT:
-            wide = self._align(pieces, guess, guess, prior, (self._matching.gate_m, WIDE_SIGMAS))
-            if wide is not None and (near is None or wide.fit > near.fit + WIDE_PENALTY):
-                near = wide
+        near = self._near(pieces, T_map_base_guess, prior_covariance)
         if near is None:
             return None
         self._usual_fit += LEARN_GAIN * (near.fit - self._usual_fit)
         unit = self._unit + LEARN_GAIN * (near.unit - self._unit)
         self._unit = float(np.clip(unit, *UNIT_BOUNDS))
         return near.match
+
+    def match_part(
+        self, part: Cloud, T_map_base_guess: FloatArray, prior_covariance: FloatArray
+    ) -> Match | None:
+        """See ``Matcher.match_part``."""
+        near = self._near(self._cut(part), T_map_base_guess, prior_covariance)
+        return None if near is None else near.match
+
+    def _cut(self, cloud: Cloud) -> FloatArray:
+        return surface_pieces(cloud, self._noise.sigma_m, self._map.cell_m, self._reach_m)
+
+    def _near(
+        self, pieces: FloatArray, guess: FloatArray, covariance: FloatArray
+    ) -> _Aligned | None:
+        if self._map.empty or len(pieces) == 0:
+            return None
+        prior = _inverse(covariance)
+        near = self._align(pieces, guess, guess, prior, self._near_gate(pieces, covariance))
+        if near is None or near.fit < self._usual_fit - WORSE_FIT:
+            wide = self._align(pieces, guess, guess, prior, (self._matching.gate_m, WIDE_SIGMAS))
+            if wide is not None and (near is None or wide.fit > near.fit + WIDE_PENALTY):
+                near = wide
+        return near
 
     def _near_gate(self, pieces: FloatArray, covariance: FloatArray) -> tuple[float, float]:
         """How far partners are when the prediction is right, in metres and in sigmas."""
