@@ -205,8 +205,9 @@ class LiveLoop:
             return min(self._step_ticks, most)
         if rate is None:
             return most
-        least = 1 if steering.is_driven_by_twists else ROUTE_TICKS
-        usual = max(round(rate * least), 1)
+        usual = max(round(rate), 1)
+        if not steering.is_driven_by_twists:
+            usual = max(usual, min(ROUTE_TICKS * usual, most))
         late = int(self.pace.behind_s * rate * 1e9 / self._tick_ns)
         return max(usual, min(usual + late, most))
 

@@ -35,8 +35,7 @@ rest, whose part may be the steps of rounded ranges, which seem to go with the r
 
 FIT_SLACK = 0.02
 """Where odometry is right, what stands fits at least as well as all did with what moved; but for
-one piece of surface of fifty. Outdoors, among trees, it fitted worse: two such scans of fr-clinic
-were enough to tear its map."""
+one piece of surface of fifty. Among trees (fr-clinic) it fits worse: there nothing moved."""
 
 AGAIN_S, AGAIN_SCANS, FASTEST_M_S = 0.5, 3.0, 2.5
 """Within so long, or so many scans of a slow lidar, and no farther on than one runs indoors, it is
