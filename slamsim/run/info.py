@@ -105,7 +105,9 @@ def _recorded_images(path: Path) -> dict[str, list[dict[str, object]]]:
 
 
 def _images(cameras: Cameras) -> dict[str, list[dict[str, object]]]:
-    unread = [{"topic": name, "reason": reason} for name, reason in cameras.unread.items()]
+    unread: list[dict[str, object]] = [
+        {"topic": name, "reason": reason} for name, reason in cameras.unread.items()
+    ]
     topics = [_image_facts(cameras, topic) for _, topic in sorted(cameras.topics.items())]
     return {"topics": topics, "unread": unread}
 

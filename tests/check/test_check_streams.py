@@ -393,6 +393,7 @@ def test_a_coarse_clock_is_not_blamed_on_another_sensor() -> None:
     assert [one.verdict for one in explained([coarse, late])] == ["fault", "inconclusive"]
 
 
+@pytest.mark.slow
 def test_a_replay_at_another_speed_is_no_drift() -> None:
     """All streams gain alike on the receiver: nothing is wrong between them."""
     made = recording(60.0)

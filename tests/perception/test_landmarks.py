@@ -46,6 +46,7 @@ def driven() -> tuple[Simulated, SlamResult, tuple[TagObservation, ...]]:
     return sim, map_log(sim.log, CONFIG)[0], observed(sim, TAGS, 0, 150_000_000)
 
 
+@pytest.mark.slow
 def test_observations_err_as_they_claim(
     driven: tuple[Simulated, SlamResult, tuple[TagObservation, ...]],
 ) -> None:
@@ -74,6 +75,7 @@ def test_a_blind_robot_is_held_by_tags(
     assert np.array_equal(result.trajectory.stamps_ns, without.trajectory.stamps_ns)
 
 
+@pytest.mark.slow
 def test_tags_leave_a_path_as_good_where_the_lidar_is_blind_half_of_the_way() -> None:
     """Wheels that scans calibrate elsewhere are better there than what is assumed of wheels."""
     sim = half_blind_hall(3)

@@ -73,6 +73,7 @@ def test_edges_of_large_tags_are_looked_for_where_the_lens_bends_them(model: Cam
     assert np.mean(nees) < 9.0
 
 
+@pytest.mark.slow
 def test_errors_are_as_large_as_claimed() -> None:
     """Over random views, blurs and noises: 95 % within what the covariance says 95 % are in."""
     rng = np.random.default_rng(2031)

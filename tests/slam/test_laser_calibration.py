@@ -95,6 +95,7 @@ def drawn(seed: int) -> LaserErrors:
     )
 
 
+@pytest.mark.slow
 def test_random_errors_are_found_as_surely_as_claimed_and_corrected() -> None:
     sigmas_off = []
     for seed in range(2):
@@ -212,6 +213,7 @@ def test_few_scans_correct_nothing(count: int) -> None:
     assert not list(failures)
 
 
+@pytest.mark.slow
 def test_small_errors_hardly_cost_anything() -> None:
     errors = LaserErrors(angle_step=0.01, range_offset_m=-0.05, yaw_rad=0.035, sweep_s=0.0)
     simulated = healthy(1)

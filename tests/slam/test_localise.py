@@ -118,6 +118,7 @@ def test_a_kidnapped_robot_is_found_again() -> None:
     assert any(event.kind == "kidnapped" for event in found.slam.events)
 
 
+@pytest.mark.slow
 def test_a_drive_that_begins_on_new_ground_goes_where_all_of_it_fits() -> None:
     part = some(first_drive(), 150, 400)
     slam, saved = map_log(part.log, CONFIG)

@@ -121,6 +121,7 @@ def round_room(seed: int) -> RawScans:
     )
 
 
+@pytest.mark.slow
 def test_a_round_room_seen_by_few_beams_is_not_taken_for_straight_walls() -> None:
     """Straight lines put the angle between beams 0.33 % off here, and ranges 240 mm."""
     motions = scan_motions(round_room(2))
