@@ -73,8 +73,8 @@ def tell_info(
             **_times(survey),
             "messages": _messages(survey),
             "topics": [_facts(topic, found) for topic in survey.topics],
-            "images": images.get("topics", []),
-            "unread_images": images.get("unread", []),
+            "images": images["topics"],
+            "unread_images": images["unread"],
             "transforms": [asdict(frame) for frame in frames],
             "reads": [asdict(choice) for choice in found],
             "missing": [asdict(each) for each in lacking],
@@ -99,7 +99,7 @@ def _tell_image_folder(source: Path, reporter: Reporter) -> None:
 def _recorded_images(path: Path) -> dict[str, list[dict[str, object]]]:
     """As ``_images``, of a recording; empty for formats without."""
     if not is_ros(path):
-        return {}
+        return {"topics": [], "unread": []}
     with open_cameras(path) as cameras:
         return _images(cameras)
 
@@ -113,11 +113,11 @@ def _images(cameras: Cameras) -> dict[str, list[dict[str, object]]]:
 
 
 def _image_lines(images: Mapping[str, Sequence[Mapping[str, object]]]) -> Iterator[str]:
-    for each in images.get("topics", ()):
+    for each in images["topics"]:
         camera = "with its camera" if each["camera"] else "no camera matrix"
         seen = f"{each['kind']}, {each['messages']:,} images of {each['width']} x {each['height']}"
         yield f"{each['topic']}: {seen}, {camera}"
-    for each in images.get("unread", ()):
+    for each in images["unread"]:
         yield f"{each['topic']}: not read: {each['reason']}"
 
 
@@ -129,7 +129,7 @@ def _image_facts(cameras: Cameras, topic: CameraTopic) -> dict[str, object]:
 
 def _maps_by_camera(images: Mapping[str, Sequence[Mapping[str, object]]]) -> bool:
     """Whether ``map`` can do without scans: by depth and pictures."""
-    kinds = {each["kind"] for each in images.get("topics", ())}
+    kinds = {each["kind"] for each in images["topics"]}
     return "depth" in kinds and bool(kinds - {"depth"})
 
 

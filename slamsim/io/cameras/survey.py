@@ -21,9 +21,9 @@ from slamsim.io.cameras import is_image_folder, open_cameras
 from slamsim.io.cameras.base import Cameras
 from slamsim.io.formats.ros import is_ros
 from slamsim.io.open import read_recording, recording_at, require_something
+from slamsim.io.ros.images import INFO
 from slamsim.io.selection import EVERYTHING, Selection
 from slamsim.recording import Recording
-from slamsim.recording.images import RawCameraInfos
 
 MOST_SAMPLED = 300
 """Images of a topic that are decoded, in runs of three: a second or so of each camera."""
@@ -43,7 +43,6 @@ _Seen = tuple[
 ]
 _NO_GRID, _NO_THUMBNAIL = np.zeros((0, 0), np.float32), np.zeros((0, 0), np.uint8)
 _NO_COLOURS = np.zeros((0, 0, 3))
-_INFO = RawCameraInfos.schema.type_name
 
 
 def with_cameras(recording: Recording, path: Path) -> Recording:
@@ -64,7 +63,7 @@ def _with_survey(recording: Recording, cameras: Cameras) -> Recording:
     looked_at = {each.topic for each in looks} | {
         claim.source.removeprefix("topic ") for claim in cameras.infos.values()
     }
-    infos = {each.topic for each in recording.topics if each.type_name == _INFO}
+    infos = {each.topic for each in recording.topics if each.type_name == INFO}
     unread = cameras.unread.items()
     odd = (f"{topic}: cannot be read: {why}" for topic, why in unread if topic in infos)
     return replace(

@@ -102,7 +102,7 @@ class MatchSelector:
         """The match to believe. T_map_coasting: (3,) where the robot is if it went on as it did."""
         self.doubtful = self.elsewhere = False
         near = matcher.match(cloud, prediction.T_map_base, prediction.covariance)
-        if near is not None and self._believable(near, prediction):  # else it is not used anyway
+        if near is not None:
             cloud, near = self._without_mover(matcher, cloud, prediction, near)
         look = _Look(matcher, cloud, prediction)
         if near is not None and not prediction.jump and self._as_usual(near, look):
@@ -147,6 +147,8 @@ class MatchSelector:
         def match(rest: Cloud) -> Match | None:
             return matcher.match_part(rest, prediction.T_map_base, prediction.covariance)
 
+        if agrees(near) or not self._believable(near, prediction):  # then it is not used
+            return cloud, near
         return self._movers.left_out(cloud, near, prediction, agrees, match)
 
     def carried(self) -> bool:

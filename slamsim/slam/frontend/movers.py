@@ -63,10 +63,10 @@ class Movers:
     ) -> tuple[Cloud, Match]:
         """The cloud and its match without the thing that moved, or as they are.
 
-        near: the match of the whole cloud. agrees: whether a match lies where odometry has it.
-        match: lays a cloud onto the map from there.
+        near: the match of the whole cloud, which denies the odometry. agrees: whether a match lies
+        where odometry has it. match: lays a cloud onto the map from there.
         """
-        if agrees(near) or not _is_fast(near, prediction):
+        if not _is_fast(near, prediction):
             return cloud, near
         for thing in islice(_compact_things(cloud), MOST_TRIED):
             rest = _left(cloud, ~thing)

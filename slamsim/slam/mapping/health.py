@@ -81,15 +81,16 @@ class Usual:
     ) -> None:
         self._query_of, self._keyframes = query_of, keyframes
         self._doubts, self._size = doubts, size
-        self._left, self._looked_at = self._plain(), list[list[float]]()
+        self._left, self._looked_at = self._plain(), list[tuple[float, float]]()
 
-    def _samples(self) -> Iterator[list[float]]:
-        """Contradictions of the metres after each plain place; looked at once, when asked for."""
+    def _samples(self) -> Iterator[tuple[float, float]]:
+        """(mean, largest) contradiction of the metres after each plain place; looked at once, when
+        asked for."""
         yield from self._looked_at
         for number in self._left:
             if shares := self._shares(number):
-                self._looked_at.append(shares)
-                yield shares
+                self._looked_at.append((float(np.mean(shares)), max(shares)))
+                yield self._looked_at[-1]
 
     def _plain(self) -> Iterator[int]:
         """Key frames away from all doubts: some all over the recording, then more in between."""
@@ -102,7 +103,8 @@ class Usual:
 
     def is_usual(self, share: float) -> bool:
         """Whether what is seen within some metres contradicts itself as much somewhere."""
-        return any(share <= max(one) for one in itertools.islice(self._samples(), USUAL_SAMPLES))
+        some = itertools.islice(self._samples(), USUAL_SAMPLES)
+        return any(share <= largest for _, largest in some)
 
     def is_carried_to(self, number: int) -> bool:
         """Whether what was seen on the metres after a key frame contradicts what was seen before
@@ -112,7 +114,7 @@ class Usual:
     def is_carried_by(self, shares: Sequence[float]) -> bool:
         """The same, of the contradictions of these metres."""
         share = float(np.mean(shares)) if shares else 0.0
-        return share > CARRIED_SHARE and all(share > np.mean(one) for one in self._samples())
+        return share > CARRIED_SHARE and all(share > mean for mean, _ in self._samples())
 
     def _shares(self, number: int) -> list[float]:
         poses = [keyframe.T_map_base for keyframe in self._keyframes]
