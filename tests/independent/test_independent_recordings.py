@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -23,6 +24,8 @@ from slamsim.bench.check.independent import (
     run_independent,
     summarise_independent,
 )
+from slamsim.bench.check.outcome import Json
+from slamsim.bench.logs import Children
 from slamsim.console.reporter import Reporter
 from slamsim.guard.errors import NotFound, SlamsimError
 from slamsim.io.open import read_recording
@@ -168,6 +171,25 @@ def test_the_bench_shows_what_was_missed_and_keeps_every_row(
     kept = (tmp_path / "independent.jsonl").read_text().splitlines()
     assert sorted(json.loads(line)["case"] for line in kept) == sorted(only)
     assert all(name in row["repeat"] for name, row in zip(only, figures["rows"][::-1], strict=True))
+
+
+def test_a_bench_that_is_stopped_leaves_what_it_found(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stopped(_: IndependentCampaign, job: Sequence[Case], __: Children) -> list[Json]:
+        if job[0].drive == 2:
+            raise KeyboardInterrupt
+        return [{"case": case.name, "sort": case.sort, "right": True} for case in job]
+
+    monkeypatch.setattr("slamsim.bench.check.independent._rows", stopped)
+    only = ["odometry_nan@1", "clean@1", "odometry_nan@2"]
+    with pytest.raises(KeyboardInterrupt):
+        run_independent(IndependentCampaign(FOLDER, (), only=only, kept=tmp_path), Reporter())
+    shown = capsys.readouterr()
+    assert "2 of 3 cases, right: fault 1 of 1, clean 1 of 1" in shown.err
+    assert "1, 100.0 % named" in shown.out
+    kept = (tmp_path / "independent.jsonl").read_text().splitlines()
+    assert [json.loads(line)["case"] for line in kept] == only[:2]
 
 
 def test_an_unknown_fault_and_a_missing_generator_are_told(

@@ -12,7 +12,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from importlib import import_module
-from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, cast
@@ -67,8 +66,9 @@ def generator_folder() -> Path:
 
 
 def run_independent(campaign: IndependentCampaign, reporter: Reporter) -> None:
-    """Show every miss and alarm as it is found, and figures of all that was done, also if
-    stopped. Raises SlamsimError for a fault that the generator does not know."""
+    """Show every miss and alarm as it is found, how many are right after each group, and figures of
+    all that was done, also if stopped. Raises SlamsimError for a fault that the generator does not
+    know."""
     jobs = _jobs(campaign)
     rows: list[Json] = []
     count = sum(map(len, jobs))
@@ -77,11 +77,13 @@ def run_independent(campaign: IndependentCampaign, reporter: Reporter) -> None:
             reporter.stage("check") as progress,
             each_done([partial(_rows, campaign, job) for job in jobs], campaign.workers) as done,
         ):
-            for row in chain.from_iterable(done):
-                rows.append(row)
+            for group in done:
+                rows += group
                 keep_lines(campaign.kept, "independent.jsonl", rows)
-                if not row["right"]:
-                    reporter.say(row_line(row))
+                for row in group:
+                    if not row["right"]:
+                        reporter.say(row_line(row))
+                reporter.note(f"{len(rows)} of {count} cases, right: {_right(rows)}")
                 progress(len(rows), count)
     finally:
         figures = summarise_independent(rows)
@@ -210,6 +212,13 @@ def row_line(row: Json) -> str:
         for one in cast(list[list[str] | None], row["expected"])
     )
     return f"{row['case']} ({row['lidar']}): expected {wanted}; said {said}"
+
+
+def _right(rows: Sequence[Json]) -> str:
+    """How many of each sort are as they should be."""
+    count = Counter(str(row["sort"]) for row in rows)
+    right = Counter(str(row["sort"]) for row in rows if row["right"])
+    return ", ".join(f"{sort} {right[sort]} of {of}" for sort, of in count.items())
 
 
 def summarise_independent(rows: Sequence[Json]) -> Json:
