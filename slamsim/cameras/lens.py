@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -70,9 +71,11 @@ class CameraModel:
         A point has an image if it is in view and lies before the distortion folds; the image may
         be outside of the picture (``contains``). The pixels of other points mean nothing.
         """
-        distortion = self._distortion()
-        pixels = distortion.distorted(points_m) * self.focal_px + self.centre_px
-        return np.asarray(pixels), distortion.is_seen(points_m)
+        return self.pixels(points_m), self._distortion.is_seen(points_m)
+
+    def pixels(self, points_m: FloatArray) -> FloatArray:
+        """(n, 2) pixels of (n, 3) points, as ``project``, which tells those that have an image."""
+        return np.asarray(self._distortion.distorted(points_m) * self.focal_px + self.centre_px)
 
     def contains(self, pixels: FloatArray) -> BoolArray:
         """(n,) which of (n, 2) pixels lie inside the picture, its outer half pixels included."""
@@ -84,7 +87,7 @@ class CameraModel:
 
         Exact: projected again they are off by less than 1e-9 pixels.
         """
-        return self._distortion().rays((pixels - self.centre_px) / self.focal_px)
+        return self._distortion.rays((pixels - self.centre_px) / self.focal_px)
 
     def rays(self) -> FloatArray:
         """(height * width, 3) unit directions in the optical frame, row by row from above.
@@ -128,6 +131,7 @@ class CameraModel:
         told = ", ".join(f"{value:g}" for value in self.coefficients)
         return f"the distortion {self.distortion_model} [{told}]"
 
+    @cached_property
     def _distortion(self) -> Distortion:
         values = np.zeros(8)
         values[: len(self.coefficients)] = self.coefficients

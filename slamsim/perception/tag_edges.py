@@ -188,7 +188,7 @@ def _as_bent(
     """(n, 2) px of a straight edge at these shares of its length, as the lens shows it, and (n, 2)
     the unit normals there: from a straight line in the image it may be away by some pixels."""
     rays = ends_xy[0] + shares[:, None] * (ends_xy[1] - ends_xy[0])
-    base, _ = model.project(np.column_stack([rays, np.ones(len(rays))]))
+    base = model.pixels(np.column_stack([rays, np.ones(len(rays))]))
     along = np.gradient(base, axis=0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     return base, np.column_stack([along[:, 1], -along[:, 0]])  # corners go clockwise in the image

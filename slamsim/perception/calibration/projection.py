@@ -13,7 +13,7 @@ from slamsim.core.types import FloatArray
 LENS = ("fx_px", "fy_px", "cx_px", "cy_px")
 """Before d0, d1 ... of the distortion."""
 _STEP = 1e-6
-"""In which ``CameraModel.project`` is differentiated; double precision has ten more digits."""
+"""In which ``CameraModel.pixels`` is differentiated; double precision has ten more digits."""
 
 
 def lens_names(model: CameraModel) -> tuple[str, ...]:
@@ -27,7 +27,7 @@ def project_slopes(model: CameraModel, points_m: FloatArray) -> FloatArray:
     for axis in range(3):
         step = np.zeros(3)
         step[axis] = _STEP
-        ahead, behind = (model.project(points_m + sign * step)[0] for sign in (1.0, -1.0))
+        ahead, behind = (model.pixels(points_m + sign * step) for sign in (1.0, -1.0))
         found[:, :, axis] = (ahead - behind) / (2.0 * _STEP)
     return found
 
@@ -53,9 +53,7 @@ def lens_slopes(model: CameraModel, in_camera: FloatArray, wanted: Sequence[int]
     for k in wanted:
         step = np.zeros(size)
         step[k] = _STEP
-        ahead, behind = (
-            with_lens(model, sign * step).project(in_camera)[0] for sign in (1.0, -1.0)
-        )
+        ahead, behind = (with_lens(model, sign * step).pixels(in_camera) for sign in (1.0, -1.0))
         found[:, :, k] = (ahead - behind) / (2.0 * _STEP)
     return np.where(np.isfinite(found), found, 0.0)
 
