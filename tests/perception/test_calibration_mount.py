@@ -153,7 +153,7 @@ def test_what_an_unclaimed_mount_lacks_is_told(short: Driven) -> None:
 
 
 def test_the_path_of_another_robot_explains_nothing() -> None:
-    seldom = driven(3, SPARSE)
+    seldom = driven(3, replace(SPARSE, seconds=15.0))
     other = replace(seldom.path, poses=seldom.path.poses[::-1].copy())
     with suppress(NoSolution):
         start = best_start(seldom.views, SHORT.model, other, [T_CLAIMED])

@@ -447,9 +447,8 @@ def mapped(tmp_path_factory: pytest.TempPathFactory) -> Path:
     settings_file.write_text(
         yaml.safe_dump({"sensors": {"additional": [CAMERA]}, "mapping": {"layers": layers}})
     )
-    config = load_run_config(
-        "tiny", str(settings_file), ("drive.route.max_duration_s=8", "world.clutter.per_cell=1"), 3
-    )
+    short = ("drive.route.max_duration_s=8", "sensors.lidar.rate_hz=10", "world.clutter.per_cell=1")
+    config = load_run_config("tiny", str(settings_file), short, 3)
     map_world(config, folder / "run", Reporter(quiet=True, as_json=False))
     return folder / "run"
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 import slamsim.dataset
 from slamsim.core.geometry import between, compose, inverse, wrap_angle
 from slamsim.core.types import FloatArray
-from slamsim.dataset.make.engines.local import LocalEngine
+from slamsim.dataset.make.engines.local import WorkEngine
 from slamsim.dataset.make.make import make_dataset
 from slamsim.dataset.recipe.distributions import Constant
 from slamsim.dataset.recipe.loading import load_recipe
@@ -124,10 +124,10 @@ def test_relations_place_scans_and_tell_pairs_of_both_kinds() -> None:
 
 
 def test_the_example_learns_from_a_small_data_set(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    one_worker: WorkEngine, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     recipe = load_recipe(str(RECIPE)).model_copy(update={"duration_s": Constant(constant=60.0)})
-    make_dataset(recipe, 3, str(tmp_path / "loops"), LocalEngine(1))
+    make_dataset(recipe, 3, str(tmp_path / "loops"), one_worker)
     loop_closures.main([str(tmp_path / "loops"), "--pairs", "6"])
     told = capsys.readouterr().out.splitlines()
     assert told[1].startswith("simulated, test split") and len(told) == 2 + len(scan_pairs.FEATURES)
@@ -223,7 +223,7 @@ def cv2_nearest(cells: NDArray[np.bool_], shape: tuple[int, int]) -> NDArray[np.
     return np.asarray(cells[np.ix_(rows.astype(int), columns.astype(int))])
 
 
-def test_the_floor_is_asked_of_a_few_images(tmp_path: Path) -> None:
+def test_the_floor_is_asked_of_a_few_images(one_worker: WorkEngine, tmp_path: Path) -> None:
     """Far too few to learn anything: that the experiment runs to its end."""
     recipe = load_recipe("diverse_rgbd")
     assert recipe.config is not None and isinstance(recipe.config, dict)
@@ -232,7 +232,7 @@ def test_the_floor_is_asked_of_a_few_images(tmp_path: Path) -> None:
         camera["imagers"][name]["lens"] |= {"width": 106, "height": 60}
     splits = recipe.splits.model_copy(update={"train": 0.5, "val": 0.0, "test": 0.5})
     short = {"duration_s": Constant(constant=4.0), "formats": ("parquet",), "splits": splits}
-    make_dataset(recipe.model_copy(update=short), 2, str(tmp_path / "rooms"), LocalEngine(1))
+    make_dataset(recipe.model_copy(update=short), 2, str(tmp_path / "rooms"), one_worker)
     reached = floor_segmentation.main([str(tmp_path / "rooms"), "--out", str(tmp_path)])
     assert 0.0 < reached < 1.0
     assert (tmp_path / "floor_test.png").read_bytes().startswith(b"\x89PNG")
