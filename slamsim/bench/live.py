@@ -15,7 +15,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -28,21 +28,15 @@ from slamsim.core.types import PlanarTrajectory, Trajectory
 from slamsim.evaluate.trajectory import compare
 from slamsim.io import LOG
 from slamsim.io.open import open_recording
-from slamsim.live.hub import Hub
-from slamsim.live.live_map import LiveMap
+from slamsim.live.controls import LiveOptions
 from slamsim.live.loop import LiveLoop, LiveSetup
 from slamsim.live.loop_controls import LoopControls
 from slamsim.live.mapping import MappingProcess
-from slamsim.live.published import SLAM_TOPICS
 from slamsim.live.servers.access import Access
 from slamsim.live.servers.foxglove import FoxgloveServer
 from slamsim.run.live.serving import living
 from slamsim.run.live.world import live_config
-from slamsim.sim.robot.model import build_robot
-from slamsim.simulation.header import log_header
-from slamsim.simulation.log_writer import recorded_topics
 from slamsim.slam.session import run_slam
-from slamsim.world.build import build_world
 
 Figures = dict[str, object]
 SECONDS = 60.0
@@ -125,26 +119,21 @@ def _lived(
     idle_client: bool = False,
 ) -> Lived:
     """One run. seconds: None for a whole tour, unpaced and recorded."""
-    world, robot = build_world(config.world, config.seed), build_robot(config.robot)
-    header, found = log_header(robot, config), Lived()
-    hub = Hub([*recorded_topics(header), *SLAM_TOPICS])
-    setup = LiveSetup(
-        config,
-        world,
-        robot,
-        header,
-        folder,
+    options = LiveOptions(
         rate=None if seconds is None else 1.0,
         mode="manual" if twists else "tour",
         record=seconds is None,
         until_done=True,
         duration_s=np.inf if seconds is None else seconds + _SETTLED_S,
+        slam=slam,
     )
-    with _mapping(slam) as process:
-        loop = LiveLoop(setup, hub, LiveMap(process))
+    found = Lived()
+    with ExitStack() as opened:
+        process = opened.enter_context(MappingProcess()) if slam else None
+        loop = LiveLoop(LiveSetup.built(config, folder, options), process)
         controls = LoopControls(loop)
         with (
-            FoxgloveServer(hub, controls, Access(), 0) as server,
+            FoxgloveServer(loop.hub, controls, Access(), 0) as server,
             _heard(server.address, loop, found),
             _idle(server.address, idle_client),
             reporter.stage(title, "× real time") as progress,
@@ -171,7 +160,7 @@ def _run(
             thread.join(1.0 / _TWISTS_PER_S)
             stamp_ns = loop.status.stamp_ns
             lived_s = (stamp_ns - loop.begun_ns) * 1e-9
-            progress(lived_s, loop.setup.duration_s)
+            progress(lived_s, loop.setup.options.duration_s)
             if begun is None and lived_s >= (_SETTLED_S if loop.pace.rate else 0.1):
                 begun = time.monotonic(), stamp_ns, time.process_time()
             if controls is not None and begun is not None:
@@ -181,15 +170,6 @@ def _run(
     lasted_s = time.monotonic() - begun_s
     found.realtime_factor = (loop.status.stamp_ns - begun_ns) * 1e-9 / lasted_s
     found.cpu_share = (time.process_time() - begun_cpu_s) / lasted_s
-
-
-@contextmanager
-def _mapping(wanted: bool) -> Iterator[MappingProcess | None]:
-    if not wanted:
-        yield None
-        return
-    with MappingProcess() as process:
-        yield process
 
 
 @contextmanager

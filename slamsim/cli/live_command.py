@@ -25,7 +25,8 @@ from slamsim.console.options import (
 from slamsim.guard.errors import SlamsimError, shown
 
 if TYPE_CHECKING:
-    from slamsim.run.live.serving import LiveOptions, Ports
+    from slamsim.live.controls import LiveOptions
+    from slamsim.run.live.serving import Ports
 
 LIVE_EPILOG = (
     "Examples: slamsim live labyrinth · slamsim live labyrinth --drive explore --record · "
@@ -122,7 +123,7 @@ def live(
     With --from, map a robot that runs elsewhere.
     """
     from slamsim.console.summary import labelled
-    from slamsim.run.live.serving import LiveOptions
+    from slamsim.live.controls import LiveOptions
     from slamsim.run.naming import output_folder
 
     duration_s = math.inf if duration is None else duration

@@ -3,6 +3,7 @@ of its turns."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass
@@ -20,6 +21,22 @@ Goal = Literal["none", "driving", "reached", "not reached"]
 HOLD_S = 0.5
 """A twist is held so long unless another follows: as the base of a TurtleBot 2 does (kobuki_node,
 ``cmd_vel_timeout`` 0.6 s), and longer than the pause between twists of usual programs (10 Hz)."""
+
+
+@dataclass(frozen=True, slots=True)
+class LiveOptions:
+    """How a simulated robot lives.
+
+    rate: times real time, None for as fast as possible. record: from the start. until_done: stop
+    when the tour or the exploration is over. duration_s: stop then. slam: map what it sees.
+    """
+
+    rate: float | None = 1.0
+    mode: Mode = "manual"
+    record: bool = False
+    until_done: bool = False
+    duration_s: float = math.inf
+    slam: bool = True
 
 
 @dataclass(frozen=True, slots=True)

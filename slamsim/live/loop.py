@@ -5,22 +5,26 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 from slamsim.config.run import RunConfig
 from slamsim.core.types import FloatArray
-from slamsim.live.controls import Calls, Mode, Status
+from slamsim.live.controls import Calls, LiveOptions, Mode, Status
 from slamsim.live.delivery import Delivery, Pace
 from slamsim.live.drivers import ManualDriver
 from slamsim.live.hub import Hub
 from slamsim.live.live_map import LiveMap
-from slamsim.live.mapping import Begin
+from slamsim.live.mapping import Begin, MappingProcess
+from slamsim.live.published import SLAM_TOPICS
 from slamsim.live.recording import DriveRecording
 from slamsim.live.robot import LiveRobot, Window
 from slamsim.live.steering import Steering
 from slamsim.sim.drive.pilot import STANDING
 from slamsim.sim.drive.record import START_NS
-from slamsim.sim.robot.model import RobotModel
-from slamsim.simulation.header import LogHeader
+from slamsim.sim.robot.model import RobotModel, build_robot
+from slamsim.simulation.header import LogHeader, log_header
+from slamsim.simulation.log_writer import recorded_topics
+from slamsim.world.build import build_world
 from slamsim.world.model import World
 
 READ = ("/scan", "/imu/data", "/encoder_ticks", "/odom")
@@ -44,32 +48,34 @@ _PAUSED_S = 0.02
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveSetup:
-    """What a live robot begins with.
-
-    folder: for recordings and maps. record: from the start. until_done: stop when the tour or
-    the exploration is over. duration_s: stop then.
-    """
+    """What a live robot begins with. folder: for recordings and maps."""
 
     config: RunConfig
     world: World
     robot: RobotModel
     header: LogHeader
     folder: Path
-    rate: float | None = 1.0
-    mode: Mode = "manual"
-    record: bool = False
-    until_done: bool = False
-    duration_s: float = math.inf
+    options: LiveOptions
+
+    @classmethod
+    def built(cls, config: RunConfig, folder: Path, options: LiveOptions) -> Self:
+        """With the world and the robot of a configuration."""
+        world, robot = build_world(config.world, config.seed), build_robot(config.robot)
+        return cls(config, world, robot, log_header(robot, config), folder, options)
 
 
 class LiveLoop:
-    """Lives in ``run``; what other threads ask of it is done between two windows."""
+    """Lives in ``run``; what other threads ask of it is done between two windows.
 
-    def __init__(self, setup: LiveSetup, hub: Hub, known: LiveMap) -> None:
-        self.setup, self.known = setup, known
-        self.steering = Steering(setup.config, setup.world, setup.robot, known)
-        self.pace = Pace(setup.rate, START_NS)
-        self._delivery = Delivery(hub, self.pace)
+    process: SLAM beside it, None without. hub: of all that it publishes.
+    """
+
+    def __init__(self, setup: LiveSetup, process: MappingProcess | None = None) -> None:
+        self.setup, self.known = setup, LiveMap(process)
+        self.hub = Hub([*recorded_topics(setup.header), *SLAM_TOPICS])
+        self.steering = Steering(setup.config, setup.world, setup.robot, self.known)
+        self.pace = Pace(setup.options.rate, START_NS)
+        self._delivery = Delivery(self.hub, self.pace)
         self._tick_ns = 1e9 / setup.config.drive.follow.control_rate_hz
         self.calls, self._stopping = Calls(), False
         """What other threads ask for."""
@@ -92,7 +98,7 @@ class LiveLoop:
         """
         try:
             self._warm_up()
-            self._begin(self.setup.mode, self.setup.record)
+            self._begin(self.setup.options.mode, self.setup.options.record)
             while not self._stopping:
                 self._turn()
             self.end_recording()
@@ -145,15 +151,18 @@ class LiveLoop:
     # The loop
 
     def _begin(self, mode: Mode, record: bool) -> None:
-        setup = self.setup
         self.known.begin(self._map_begin())
         self.known.await_ready()
-        self._robot = LiveRobot(setup.config, setup.world, setup.robot, setup.header)
-        self.true_pose = setup.world.start_pose
+        self._robot = self._new_robot()
+        self.true_pose = self.setup.world.start_pose
         self.steering.begin(mode)
         if record:
             self.begin_recording()
         self.set_pace(self.pace.rate, self.pace.paused)
+
+    def _new_robot(self) -> LiveRobot:
+        setup = self.setup
+        return LiveRobot(setup.config, setup.world, setup.robot, setup.header)
 
     def _map_begin(self) -> Begin:
         config, robot = self.setup.config, self.setup.robot
@@ -163,8 +172,7 @@ class LiveLoop:
 
     def _warm_up(self) -> None:
         """Drive for a moment before time begins, for what compiles or loads at its first use."""
-        setup = self.setup
-        robot = LiveRobot(setup.config, setup.world, setup.robot, setup.header)
+        robot = self._new_robot()
         try:
             ticks = math.ceil(WARM_S * 1e9 / self._tick_ns)
             for stream in robot.advance(ticks, ManualDriver()).messages:
@@ -193,8 +201,8 @@ class LiveLoop:
         self.steering.update(bool(window.drive.wall_contact.any()))
         self.status = self._described()
         self.known.diagnose(self.status, self._values(), self._delivery.post)
-        is_done = self.setup.until_done and bool(self.steering.ended or robot.ended)
-        self._stopping |= is_done or robot.time_s >= self.setup.duration_s
+        is_done = self.setup.options.until_done and bool(self.steering.ended or robot.ended)
+        self._stopping |= is_done or robot.time_s >= self.setup.options.duration_s
 
     def _window_ticks(self) -> int:
         """Long windows cost less for each tick, so a loop that is late by whole ticks takes them

@@ -17,20 +17,16 @@ from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
 from slamsim.guard.numbers import BadNumbers
 from slamsim.io.open import read_truth
 from slamsim.io.text.tum import write_tum
-from slamsim.live.hub import Hub, Message
-from slamsim.live.live_map import LiveMap
+from slamsim.live.controls import LiveOptions
+from slamsim.live.hub import Message
 from slamsim.live.loop import ROUTE_TICKS, UNPACED_TICKS, LiveLoop, LiveSetup
 from slamsim.live.loop_controls import LoopControls
 from slamsim.live.mapping import MappingProcess
-from slamsim.live.published import SLAM_TOPICS
 from slamsim.live.recording import read_drive
 from slamsim.live.robot import Driver, LiveRobot, Window
 from slamsim.run.live.world import live_config, replay_drive
 from slamsim.sim.drive.drive_loop import BasePose
 from slamsim.sim.drive.legs import Route
-from slamsim.sim.robot.model import build_robot
-from slamsim.simulation.header import log_header
-from slamsim.simulation.log_writer import recorded_topics
 from slamsim.simulation.simulate import simulate
 from slamsim.world.build import build_world
 
@@ -45,12 +41,9 @@ def _config(*settings: str) -> RunConfig:
 
 def _loop(
     config: RunConfig, folder: Path, process: MappingProcess | None = None, **options: object
-) -> tuple[LiveLoop, Hub]:
-    world, robot = build_world(config.world, config.seed), build_robot(config.robot)
-    header = log_header(robot, config)
-    hub = Hub([*recorded_topics(header), *SLAM_TOPICS])
-    setup = LiveSetup(config, world, robot, header, folder, rate=None, **options)  # type: ignore[arg-type]
-    return LiveLoop(setup, hub, LiveMap(process)), hub
+) -> LiveLoop:
+    lived = LiveOptions(rate=None, **options)  # type: ignore[arg-type]
+    return LiveLoop(LiveSetup.built(config, folder, lived), process)
 
 
 def _files(folder: Path) -> dict[str, bytes]:
@@ -60,7 +53,7 @@ def _files(folder: Path) -> dict[str, bytes]:
 
 def test_tour_is_recorded_as_simulate_does(tmp_path: Path) -> None:
     config = _config(SHORT)
-    loop, _ = _loop(config, tmp_path, mode="tour", record=True, until_done=True)
+    loop = _loop(config, tmp_path, mode="tour", record=True, until_done=True)
     loop.run()
     simulate(config, tmp_path / "log")
     assert _files(tmp_path / "drive_1" / "log") == _files(tmp_path / "log")
@@ -69,7 +62,7 @@ def test_tour_is_recorded_as_simulate_does(tmp_path: Path) -> None:
 def test_replay_gives_the_same_folder(tmp_path: Path) -> None:
     """Also where the recording began during the drive, and the twists came from outside."""
     config = _config("sensors.lidar=lds_01")
-    loop, _ = _loop(config, tmp_path)
+    loop = _loop(config, tmp_path)
     controls, rng = LoopControls(loop), np.random.default_rng(1)
     thread = threading.Thread(target=loop.run)
     thread.start()
@@ -102,20 +95,20 @@ def _wait_for_time_after(controls: LoopControls, stamp_ns: int) -> None:
 
 
 def test_messages_come_in_order_and_latched_ones_first(tmp_path: Path) -> None:
-    loop, hub = _loop(_config(), tmp_path, mode="tour", duration_s=2.0)
+    loop = _loop(_config(), tmp_path, mode="tour", duration_s=2.0)
     heard: list[Message] = []
-    hub.listen(heard.append)
+    loop.hub.listen(heard.append)
     loop.run()
     stamps = [message.log_ns for message in heard]
     assert stamps == sorted(stamps)
     assert {message.topic.name for message in heard} >= {"/scan", "/odom", "/tf", "/tf_static"}
     late: list[Message] = []
-    hub.listen(late.append)
+    loop.hub.listen(late.append)
     assert {message.topic.name for message in late} == {"/tf_static", "/robot_description"}
 
 
 def test_pause_step_reset_and_rate(tmp_path: Path) -> None:
-    loop, _ = _loop(_config(), tmp_path)
+    loop = _loop(_config(), tmp_path)
     controls = LoopControls(loop)
     thread = threading.Thread(target=loop.run)
     thread.start()
@@ -153,7 +146,7 @@ def test_a_loop_that_is_late_takes_longer_windows(
         return advance(robot, wanted, driver)
 
     monkeypatch.setattr(LiveRobot, "advance", slowly)
-    loop, _ = _loop(config, tmp_path, mode="tour", duration_s=2.0)
+    loop = _loop(config, tmp_path, mode="tour", duration_s=2.0)
     loop.set_pace(1.0, paused=False)
     loop.run()
     lived = ticks[1:]  # the first is that of the warm-up
@@ -163,7 +156,7 @@ def test_a_loop_that_is_late_takes_longer_windows(
 
 @pytest.mark.parametrize("twist", [(np.nan, 0.0), (0.0, np.inf), (1e300, 0.0)])
 def test_bad_twists_are_refused(tmp_path: Path, twist: tuple[float, float]) -> None:
-    loop, _ = _loop(_config(), tmp_path)
+    loop = _loop(_config(), tmp_path)
     controls = LoopControls(loop)
     with pytest.raises(BadNumbers):
         controls.drive(*twist)
@@ -177,7 +170,7 @@ def test_bad_twists_are_refused(tmp_path: Path, twist: tuple[float, float]) -> N
 
 def test_a_fast_twist_is_cut_down_to_the_limits(tmp_path: Path) -> None:
     config = _config()
-    loop, _ = _loop(config, tmp_path, duration_s=3.0)
+    loop = _loop(config, tmp_path, duration_s=3.0)
     LoopControls(loop).drive(1e9, -1e9, 60.0)
     loop.steering.begin = lambda mode: None  # type: ignore[method-assign] # which would stand
     loop.run()
@@ -187,14 +180,14 @@ def test_a_fast_twist_is_cut_down_to_the_limits(tmp_path: Path) -> None:
 
 
 def test_what_is_asked_of_a_robot_that_has_ended_is_refused(tmp_path: Path) -> None:
-    loop, _ = _loop(_config(), tmp_path, duration_s=0.1)
+    loop = _loop(_config(), tmp_path, duration_s=0.1)
     loop.run()
     with pytest.raises(SlamsimError, match="has ended"):
         LoopControls(loop).record(True)
 
 
 def test_map_and_goals_need_a_map(tmp_path: Path) -> None:
-    controls = LoopControls(_loop(_config(), tmp_path)[0])
+    controls = LoopControls(_loop(_config(), tmp_path))
     with pytest.raises(SlamsimError, match="no map yet"):
         controls.save_map()
     with pytest.raises(SlamsimError, match="no map yet"):
@@ -205,7 +198,7 @@ def test_map_and_goals_need_a_map(tmp_path: Path) -> None:
 def test_what_became_of_a_goal_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bumped: bool, told: str
 ) -> None:
-    loop, _ = _loop(_config("drive.follow.final_standstill_s=0"), tmp_path)
+    loop = _loop(_config("drive.follow.final_standstill_s=0"), tmp_path)
     monkeypatch.setattr(loop.known, "pose", lambda: np.zeros(3))
     steering = loop.steering
     steering.go(Route((), np.array([[0.0, 0.1, 0.0], [0.2, 0.0, 0.0]]), 0.02, 0.2))
@@ -222,7 +215,7 @@ def test_what_became_of_a_goal_is_told(
 def test_a_robot_that_tipped_over_does_not_reach_its_goal(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    loop, _ = _loop(_config(), tmp_path)
+    loop = _loop(_config(), tmp_path)
     robot = LiveRobot(loop.setup.config, loop.setup.world, loop.setup.robot, loop.setup.header)
     monkeypatch.setattr(loop, "_robot", robot)
     loop.steering.go(Route((), np.array([[0.0, 0.1, 0.0], [9.0, 0.0, 0.0]]), 0.9, 9.0))
@@ -235,9 +228,9 @@ def test_a_robot_that_tipped_over_does_not_reach_its_goal(
 def test_explore_maps_all_of_a_small_world(tmp_path: Path) -> None:
     config = _config("sensors.lidar=lds_01")
     with MappingProcess() as process:
-        loop, hub = _loop(config, tmp_path, process, mode="explore", until_done=True)
+        loop = _loop(config, tmp_path, process, mode="explore", until_done=True)
         seen: list[str] = []
-        hub.listen(lambda message: seen.append(message.topic.name))
+        loop.hub.listen(lambda message: seen.append(message.topic.name))
         loop.run()
         finished = process.finish()
     assert loop.status.ended == "all that can be reached is mapped"

@@ -17,20 +17,15 @@ from waiting import wait_for
 from slamsim.config.loading import load_run_config
 from slamsim.core.geometry import wrap_angle
 from slamsim.core.types import FloatArray
+from slamsim.live.controls import LiveOptions
 from slamsim.live.hub import Hub
-from slamsim.live.live_map import LiveMap
 from slamsim.live.loop import LiveLoop, LiveSetup
 from slamsim.live.loop_controls import LoopControls
 from slamsim.live.mapping import MappingProcess
-from slamsim.live.published import SLAM_TOPICS
 from slamsim.live.servers.access import Access
 from slamsim.live.servers.page import PageServer
 from slamsim.run.live.world import live_config
 from slamsim.sim.drive.route import plan_route
-from slamsim.sim.robot.model import build_robot
-from slamsim.simulation.header import log_header
-from slamsim.simulation.log_writer import recorded_topics
-from slamsim.world.build import build_world
 
 pytestmark = [needs_chromium, pytest.mark.slow]
 
@@ -45,17 +40,15 @@ def loop(
 ) -> Iterator[tuple[LiveLoop, Hub, FloatArray]]:
     """The robot in its world, and the points of a tour through it."""
     config = live_config(load_run_config(request.param, None, ("sensors.lidar=lds_01",)))
-    world, robot = build_world(config.world, config.seed), build_robot(config.robot)
-    header = log_header(robot, config)
-    hub = Hub([*recorded_topics(header), *SLAM_TOPICS])
-    points_m = np.concatenate([leg.points_m for leg in plan_route(world, robot, config.drive).legs])
+    setup = LiveSetup.built(config, tmp_path, LiveOptions())
+    legs = plan_route(setup.world, setup.robot, config.drive).legs
+    points_m = np.concatenate([leg.points_m for leg in legs])
     with MappingProcess() as process:
-        setup = LiveSetup(config, world, robot, header, tmp_path, rate=1.0)
-        loop = LiveLoop(setup, hub, LiveMap(process))
+        loop = LiveLoop(setup, process)
         thread = threading.Thread(target=loop.run)
         thread.start()
         try:
-            yield loop, hub, points_m
+            yield loop, loop.hub, points_m
         finally:
             loop.stop()
             thread.join()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import signal
 import threading
 from collections.abc import Callable, Iterator
@@ -13,7 +12,7 @@ from typing import Protocol
 
 from slamsim.guard.output import partial_folder
 from slamsim.io.text.tum import write_tum
-from slamsim.live.controls import Controls, Mode
+from slamsim.live.controls import Controls
 from slamsim.live.hub import Hub
 from slamsim.live.mapping import Finished
 from slamsim.live.servers.access import Access, Server
@@ -34,18 +33,6 @@ class Ports:
     rosbridge: int = 9090
     foxglove: int = 8765
     rerun: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class LiveOptions:
-    """How a robot lives. rate: times real time, None for as fast as possible."""
-
-    rate: float | None = 1.0
-    mode: Mode = "manual"
-    record: bool = False
-    until_done: bool = False
-    duration_s: float = math.inf
-    slam: bool = True
 
 
 class Loop(Protocol):

@@ -13,19 +13,16 @@ from slamsim.core.progress import Progress
 from slamsim.core.types import PlanarTrajectory
 from slamsim.guard.errors import NotFound, SlamsimError
 from slamsim.guard.files import own_file
+from slamsim.live.controls import LiveOptions
 from slamsim.live.drivers import PlayedDriver
-from slamsim.live.hub import Hub
-from slamsim.live.live_map import LiveMap
 from slamsim.live.loop import UNPACED_TICKS, LiveLoop, LiveSetup
 from slamsim.live.loop_controls import LoopControls
 from slamsim.live.mapping import Finished, MappingProcess
-from slamsim.live.published import SLAM_TOPICS
 from slamsim.live.recording import COMMANDS, DRIVE, DriveRecording, read_drive
 from slamsim.live.robot import LiveRobot
-from slamsim.run.live.serving import LiveOptions, Ports, run_until_signal, servers, write_map
+from slamsim.run.live.serving import Ports, run_until_signal, servers, write_map
 from slamsim.sim.robot.model import build_robot
 from slamsim.simulation.header import log_header
-from slamsim.simulation.log_writer import recorded_topics
 from slamsim.simulation.own_files import CONFIG
 from slamsim.world.build import build_world
 
@@ -57,23 +54,8 @@ def live_world(
     config = live_config(config)
     with ExitStack() as opened:
         process = opened.enter_context(MappingProcess()) if options.slam else None
-        world, robot = build_world(config.world, config.seed), build_robot(config.robot)
-        header = log_header(robot, config)
-        hub = Hub([*recorded_topics(header), *SLAM_TOPICS])
-        setup = LiveSetup(
-            config,
-            world,
-            robot,
-            header,
-            folder,
-            options.rate,
-            options.mode,
-            options.record,
-            options.until_done,
-            options.duration_s,
-        )
-        loop = LiveLoop(setup, hub, LiveMap(process))
-        for server in servers(hub, LoopControls(loop), ports):
+        loop = LiveLoop(LiveSetup.built(config, folder, options), process)
+        for server in servers(loop.hub, LoopControls(loop), ports):
             opened.enter_context(server)
             reporter.note(server.address)
         with reporter.stage("live", "× real time") as progress:
@@ -97,7 +79,7 @@ class _Told:
     def _lived(self) -> tuple[float, float]:
         """Simulated seconds, and of how many."""
         lived_s = (self._loop.status.stamp_ns - self._loop.begun_ns) * 1e-9
-        return lived_s, self._loop.setup.duration_s
+        return lived_s, self._loop.setup.options.duration_s
 
     def tell(self) -> None:
         """What is new."""
