@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from os import PathLike
 
     from slamsim.dataset.store.reader import Dataset
+    from slamsim.io.selection import Selection
 
 __all__ = ["Run", "check_recording", "localise", "make_dataset", "map", "open_session", "simulate"]
 
@@ -61,9 +62,7 @@ def map(  # noqa: A001 - named as the command
     cloud_height: lowest and highest return of point clouds above the base frame, in metres.
     quiet: no progress, no table. Raises SlamsimError as the command ends with an exit code.
     """
-    wanted = selection(
-        *(_topics(scan_topic), odom_topic, imu_topic, base_frame, _heights(cloud_height))
-    )
+    wanted = _wanted(scan_topic, odom_topic, imu_topic, base_frame, cloud_height)
     return Run(
         map_command.map_(
             Reporter(quiet=quiet),
@@ -103,9 +102,7 @@ def localise(
     known: the folder of a mapped run, or a ROS map.yaml (``--in``). Other options and errors as
     those of ``map``.
     """
-    wanted = selection(
-        *(_topics(scan_topic), odom_topic, imu_topic, base_frame, _heights(cloud_height))
-    )
+    wanted = _wanted(scan_topic, odom_topic, imu_topic, base_frame, cloud_height)
     return Run(
         map_command.localise(
             Reporter(quiet=quiet),
@@ -166,14 +163,12 @@ def check_recording(
 ) -> CheckReport:
     """Ask all questions of ``slamsim check`` about a recording; ``report.faults`` are its faults.
 
-    quick: leave out the questions that compare scans with one another. Raises NotFound and
-    InputRefused; a fault is no error.
+    quick: leave out the questions that compare scans with one another. Raises NotFound,
+    InputRefused and OverrideRefused; a fault is no error.
     """
-    from slamsim.io.selection import Selection
     from slamsim.run.checking import check_log
 
-    topics = tuple(_topics(scan_topic))
-    wanted = Selection(topics, odom_topic, imu_topic, base_frame, cloud_height)
+    wanted = _wanted(scan_topic, odom_topic, imu_topic, base_frame, cloud_height)
     return check_log(Path(source), Reporter(quiet=quiet), wanted=wanted, quick=quick)
 
 
@@ -207,9 +202,13 @@ def _overrides(settings: Settings | None) -> list[str]:
     return [f"{key}={json.dumps(value)}" for key, value in (settings or {}).items()]
 
 
-def _heights(given: tuple[float, float] | None) -> str:
-    return "" if given is None else f"{given[0]},{given[1]}"
-
-
-def _topics(given: str | Iterable[str]) -> list[str]:
-    return [given] if isinstance(given, str) else list(given)
+def _wanted(
+    scan_topic: str | Iterable[str],
+    odom_topic: str,
+    imu_topic: str,
+    base_frame: str,
+    cloud_height: tuple[float, float] | None,
+) -> Selection:
+    topics = [scan_topic] if isinstance(scan_topic, str) else list(scan_topic)
+    heights = "" if cloud_height is None else f"{cloud_height[0]},{cloud_height[1]}"
+    return selection(topics, odom_topic, imu_topic, base_frame, heights)
