@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import ast
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, cast
 
@@ -25,7 +26,6 @@ from slamsim.bench.check.independent import (
     summarise_independent,
 )
 from slamsim.bench.check.outcome import Json
-from slamsim.bench.logs import Children
 from slamsim.console.reporter import Reporter
 from slamsim.guard.errors import NotFound, SlamsimError
 from slamsim.io.open import read_recording
@@ -176,18 +176,29 @@ def test_the_bench_shows_what_was_missed_and_keeps_every_row(
 def test_a_bench_that_is_stopped_leaves_what_it_found(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def stopped(_: IndependentCampaign, job: Sequence[Case], __: Children) -> list[Json]:
-        if job[0].drive == 2:
-            raise KeyboardInterrupt
-        return [{"case": case.name, "sort": case.sort, "right": True} for case in job]
+    """And before it waits for its processes, for by then it may have been killed."""
+    only, shown = ["odometry_nan@1", "clean@1", "odometry_nan@2"], list[tuple[str, str]]()
 
-    monkeypatch.setattr("slamsim.bench.check.independent._rows", stopped)
-    only = ["odometry_nan@1", "clean@1", "odometry_nan@2"]
+    def until_stopped() -> Iterator[list[Json]]:
+        yield [
+            {"case": case.name, "sort": case.sort, "right": True}
+            for case in cases([], 0, 0, only[:2])
+        ]
+        raise KeyboardInterrupt
+
+    @contextmanager
+    def stopped(jobs: object, workers: int) -> Iterator[Iterator[list[Json]]]:
+        try:
+            yield until_stopped()
+        finally:
+            shown.append(capsys.readouterr())
+
+    monkeypatch.setattr("slamsim.bench.check.independent.each_done", stopped)
     with pytest.raises(KeyboardInterrupt):
         run_independent(IndependentCampaign(FOLDER, (), only=only, kept=tmp_path), Reporter())
-    shown = capsys.readouterr()
-    assert "2 of 3 cases, right: fault 1 of 1, clean 1 of 1" in shown.err
-    assert "1, 100.0 % named" in shown.out
+    ((out, err),) = shown
+    assert "2 of 3 cases, right: fault 1 of 1, clean 1 of 1" in err
+    assert "1, 100.0 % named" in out
     kept = (tmp_path / "independent.jsonl").read_text().splitlines()
     assert [json.loads(line)["case"] for line in kept] == only[:2]
 

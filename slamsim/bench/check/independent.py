@@ -72,11 +72,11 @@ def run_independent(campaign: IndependentCampaign, reporter: Reporter) -> None:
     jobs = _jobs(campaign)
     rows: list[Json] = []
     count = sum(map(len, jobs))
-    try:
-        with (
-            reporter.stage("check") as progress,
-            each_done([partial(_rows, campaign, job) for job in jobs], campaign.workers) as done,
-        ):
+    with (
+        reporter.stage("check") as progress,
+        each_done([partial(_rows, campaign, job) for job in jobs], campaign.workers) as done,
+    ):
+        try:
             for group in done:
                 rows += group
                 keep_lines(campaign.kept, "independent.jsonl", rows)
@@ -85,10 +85,10 @@ def run_independent(campaign: IndependentCampaign, reporter: Reporter) -> None:
                         reporter.say(row_line(row))
                 reporter.note(f"{len(rows)} of {count} cases, right: {_right(rows)}")
                 progress(len(rows), count)
-    finally:
-        figures = summarise_independent(rows)
-        reporter.table("Recordings of the independent generator", _table(figures))
-        reporter.result(figures)
+        finally:  # A bench that is stopped is killed before its processes have ended.
+            figures = summarise_independent(rows)
+            reporter.table("Recordings of the independent generator", _table(figures))
+            reporter.result(figures)
 
 
 def _jobs(campaign: IndependentCampaign) -> list[list[Any]]:

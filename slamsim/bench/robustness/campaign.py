@@ -39,18 +39,18 @@ def run_robustness(
     """Show every case, and a summary of them all; when stopped, of those that were done."""
     runs: list[Figures] = []
     reporter.say(HEADER)
-    try:
-        with (
-            reporter.stage("robustness") as progress,
-            closing(_all_cases(campaign, draw)) as done,
-        ):
+    with (
+        reporter.stage("robustness") as progress,
+        closing(_all_cases(campaign, draw)) as done,
+    ):
+        try:
             for figures in done:
                 runs.append(figures)
                 reporter.say(case_line(figures))
                 keep_lines(campaign.kept, f"robustness_{campaign.seed}.jsonl", runs)
                 progress(len(runs), len(campaign.numbers))
-    finally:
-        _show(sorted(runs, key=lambda figures: cast(int, figures["number"])), reporter)
+        finally:  # A bench that is stopped is killed before its processes have ended.
+            _show(sorted(runs, key=lambda figures: cast(int, figures["number"])), reporter)
 
 
 def _show(runs: Sequence[Figures], reporter: Reporter) -> None:
