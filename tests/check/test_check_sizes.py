@@ -151,6 +151,23 @@ def test_intervals_grow_with_errors_that_last_longer_than_a_block() -> None:
     assert held >= 50
 
 
+def test_a_piece_that_tells_next_to_nothing_makes_nothing_unsure() -> None:
+    """Gain of a stream with noise of its own, seven pieces with turns and one without."""
+    rng = np.random.default_rng(6)
+    turns = np.where(np.arange(32) < 28, 1.0, 0.0)[:, None] * rng.normal(0.0, 1.0, (32, 100))
+    read = turns + rng.normal(0.0, 0.02, turns.shape)
+    gain = float((read * turns).sum() / np.square(read).sum())
+    left = turns - gain * read
+    noise = float(np.std(left))
+    gained = np.square(read).sum(axis=1)[:, None, None] / noise**2
+    gradients = -(read * left).sum(axis=1)[:, None] / noise**2
+    pieces = pieces_of(np.arange(32.0), gained, gradients, np.array([[1e-9]]), 1.0)
+    assert pieces is not None
+    assert pieces.moved[-1] < -5.0 * pieces.sigmas[-1]
+    by_noise = 1.0 / gained.sum(axis=0)
+    assert pieces.widened(by_noise) < 1.3**2 * by_noise
+
+
 def test_a_drift_is_as_unsure_as_the_offset_wanders() -> None:
     """The slope through pieces whose offsets scatter far beyond their noise, against its error."""
     rng, at_s = np.random.default_rng(4), np.arange(8.0)

@@ -20,6 +20,9 @@ BLOCKS_OF_A_PIECE = 3
 SCATTERS = 0.01
 """Pieces of a healthy drive scatter as much as noise explains, but for this share of them."""
 
+NO_OTHER = 1e-9
+"""Share of the weight that is left where one piece has all of it."""
+
 MOST_SHARED = 0.48
 """Residuals whose errors were all those of shared scans would add up to nothing at all."""
 
@@ -122,22 +125,24 @@ class Pieces:
         self, covariance: FloatArray, slopes: tuple[tuple[int, int], ...] = ()
     ) -> FloatArray:
         """(p, p) the covariance of the whole estimate, wider where pieces scatter by more than
-        their noise: errors then last longer than a block (Birge 1932).
+        their noise: errors then last longer than a block. By how much follows from what each piece
+        moves the whole by (White 1980; HC2 of MacKinnon & White 1985), not from how far off it is
+        itself: one without turns knows a gain of turns by the noise of the wheels alone.
 
         slopes: places of a value and of its growth per second, which pieces do not tell: what a
         value wanders by makes its growth as unsure as that of a line through the pieces.
         """
         weights = 1.0 / np.square(self.sigmas)
-        total = weights.sum(axis=0)
-        freedom = len(self.moved) - 1
-        apart = self.moved - (weights * self.moved).sum(axis=0) / total
-        squares = (weights * np.square(apart)).sum(axis=0)
-        factor = np.where(squares > chi2.ppf(1.0 - SCATTERS, freedom), squares / freedom, 0.0)
-        least = factor / total
+        share = weights / weights.sum(axis=0)
+        apart = self.moved - (share * self.moved).sum(axis=0)
+        squares = np.square(share * apart) / np.maximum(1.0 - share, NO_OTHER)
+        expected = chi2.ppf(1.0 - SCATTERS, len(self.moved) - 1)
+        squares *= (weights * np.square(apart)).sum(axis=0) > expected
+        least = squares.sum(axis=0)
         for value, growth in slopes:
-            mine = weights[:, value]
-            since_s = self.middle_s - (mine @ self.middle_s) / total[value]
-            least[growth] = factor[value] / (mine @ np.square(since_s))
+            mine = share[:, value]
+            since_s = np.square(self.middle_s - mine @ self.middle_s)
+            least[growth] = squares[:, value] @ since_s / np.square(mine @ since_s)
         stretch = np.sqrt(np.maximum(least / np.diag(covariance), 1.0))
         return np.asarray(np.outer(stretch, stretch) * covariance)
 
