@@ -20,7 +20,7 @@ from slamsim.recording.frames import FrameTree, base_frame_of, mounting_beside, 
 
 _FUSED = re.compile(r"filter|[eu]kf|fus(ed|ion)|locali[sz]", re.IGNORECASE)
 """In the usual topic names of estimators that merge wheels and gyroscope (robot_localization)."""
-CLOUD = "sensor_msgs/msg/PointCloud2"
+CLOUD, ECHOES = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/MultiEchoLaserScan"
 _KINDS: tuple[tuple[str, type[RawStream], str], ...] = (
     ("scans", RawScans, "--scan-topic"),
     ("odometry", RawOdometry, "--odom-topic"),
@@ -78,7 +78,8 @@ def in_words(found: Sequence[Choice]) -> str:
 def ranked(recording: Recording, kind: type[RawStream]) -> list[RecordedTopic]:
     """The topics of a kind that hold messages, the one to be read first.
 
-    The one with the most messages leads, with three exceptions. Scans that carry a pose themselves
+    The one with the most messages leads, with four exceptions. Topics in the namespace of the scans
+    come first, for there may be several robots. Scans that carry a pose themselves
     (CARMEN) come before others, then those of lidars that a transform places. Of odometries, one in
     a map's frame comes last, because it jumps when the map is corrected; one whose name says that
     it is fused comes after a raw one if an IMU was recorded, whose readings it would bring in a
@@ -91,6 +92,9 @@ def ranked(recording: Recording, kind: type[RawStream]) -> list[RecordedTopic]:
         carried = {odometry.topic for odometry in recording.odometries}
         known = {scans.topic: not placed.isdisjoint(scans.frame_ids) for scans in recording.scans}
         found.sort(key=lambda topic: (topic.topic not in carried, not known.get(topic.topic)))
+    else:
+        robots = {_namespace(topic.topic) for topic in ranked(recording, RawScans)[:1]}
+        found.sort(key=lambda topic: _namespace(topic.topic) not in robots)
     if kind is RawOdometry:
         has_imu = bool(recording.imus)
         found.sort(
@@ -105,8 +109,8 @@ def ranked(recording: Recording, kind: type[RawStream]) -> list[RecordedTopic]:
 
 
 def holds(recording: Recording, topic: RecordedTopic, kind: type[RawStream]) -> bool:
-    """Whether a topic holds streams of a kind, as clouds do of which scans were made."""
-    if topic.type_name == CLOUD and kind is RawScans:
+    """Whether a topic holds streams of a kind, as others do of which scans were made."""
+    if topic.type_name in (CLOUD, ECHOES) and kind is RawScans:
         return any(scans.topic == topic.topic for scans in recording.scans)
     return topic.type_name == kind.schema.type_name
 
@@ -172,6 +176,11 @@ def topics_of(recording: Recording) -> tuple[RecordedTopic, ...]:
 def _in_map(recording: Recording) -> set[str]:
     odometries = recording.odometries
     return {each.topic for each in odometries if any(f.endswith("map") for f in each.frame_ids)}
+
+
+def _namespace(topic: str) -> str:
+    """Of the robot, where topics are named after it: ``robot1`` of ``/robot1/scan``."""
+    return topic.strip("/").partition("/")[0]
 
 
 def _is_fused(topic: str) -> bool:

@@ -33,6 +33,8 @@ _REGULAR = 0.9
 """Columns of returns that lie within a fourteenth of a step of multiples of it (0.9 is the mean
 cosine of 0.45 rad): wider than half a degree, half of the beams would be empty in each scan."""
 _MOST_BEAMS, _FEWEST_BEAMS = 7200, 180
+_IN_ORDER = 0.95
+"""Of the steps from point to point, in one direction: by chance it is half of them."""
 _GAP_RAD = math.radians(10.0)
 """Directions without any return in all clouds looked at are no part of the lidar's view."""
 
@@ -90,7 +92,8 @@ class _Plan:
     """How the clouds of a topic are cut: alike for all of them.
 
     ring: None where heights_m, above the sensor, choose. beams: of a full turn, the first at
-    phase_rad. first, count: those that the lidar sees. sweep: None for clouds without times.
+    phase_rad. first, count: those that the lidar sees. sweep: None for clouds without times; then
+    turns is the direction in which the points of a cloud follow each other, 0 if in none.
     """
 
     ring: int | None
@@ -100,6 +103,7 @@ class _Plan:
     first: int
     count: int
     sweep: Sweep | None
+    turns: int = 0
 
     @property
     def step_rad(self) -> float:
@@ -158,6 +162,9 @@ class CloudSlicer:
             off_s = np.abs(times_s - begin_s - beam * beam_dt_s)
             in_turn = (beam_dt_s == 0.0) | (off_s < 0.5 * plan.beams * beam_dt_s)
             beam, ranges_m = beam[in_turn], ranges_m[in_turn]
+        elif plan.turns and plan.count == plan.beams and bins.size:
+            start, direction = int(bins[0]), plan.turns
+            beam = (direction * (bins - start)) % plan.beams
         seen = beam < plan.count
         row = np.full(plan.count, np.nan, dtype=np.float32)
         far_first = np.argsort(-ranges_m[seen], kind="stable")
@@ -234,7 +241,19 @@ def _planned(clouds: Sequence[Points], place: Place, wanted_m: Heights | None) -
     sweep, timed = sweep_of(chosen)
     how = words or place.in_words(heights_m)
     note = f"cut out of point clouds: {how}, {360.0 / beams:.2g} deg a beam; {timed}"
-    return _Plan(ring, heights_m, beams, phase_rad, first, count, sweep), note
+    turns = 0 if sweep is not None else _turns(chosen, beams)
+    return _Plan(ring, heights_m, beams, phase_rad, first, count, sweep, turns), note
+
+
+def _turns(clouds: Sequence[Points], beams: int) -> int:
+    """The direction in which points follow each other: 1, -1, or 0 in none.
+
+    Then they show where a turn begins, without which SLAM could not estimate how long it lasts.
+    """
+    steps = np.concatenate([np.diff(_bins(cloud, beams, 0.0)) for cloud in clouds])
+    steps = (steps + beams // 2) % beams - beams // 2
+    onward = float((steps[steps != 0] > 0).mean()) if steps.any() else 0.5
+    return int(onward > _IN_ORDER) - int(onward < 1.0 - _IN_ORDER)
 
 
 def _level_ring(clouds: Sequence[Points]) -> tuple[int | None, str]:

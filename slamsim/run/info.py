@@ -23,6 +23,10 @@ from slamsim.run.naming import log_of
 from slamsim.run.stages import Stages
 
 _NOTHING = "nothing"
+_PUBLISH = (
+    "record /tf_static, or publish it: ros2 run tf2_ros static_transform_publisher --frame-id {} "
+    "--child-frame-id {} --x 0"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,10 +168,10 @@ def _missing_frames(recording: Recording) -> Iterator[Missing]:
         for frame in scans.frame_ids[:1]:
             if frame != base and not graph.connects(base, frame):
                 yield Missing(
-                    f"no transform from {base} to {frame}",
+                    f"no transform from {base} to {frame}" if frame else "no frame in the scans",
                     "the laser is taken to sit at the base; if it does not, odometry and scans "
-                    "disagree at every turn; record /tf_static, or publish it: ros2 run tf2_ros "
-                    f"static_transform_publisher --frame-id {base} --child-frame-id {frame} --x 0",
+                    "disagree at every turn; "
+                    + (_PUBLISH.format(base, frame) if frame else "give its driver a frame_id"),
                 )
     if recording.scans and all(layout.beam_dt_s == 0.0 for layout in recording.scans[0].layouts):
         yield Missing(

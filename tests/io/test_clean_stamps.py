@@ -10,7 +10,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from slamsim.core.types import IntArray
-from slamsim.recording.cleaning.rising_stamps import NoTime, _known, rising_times
+from slamsim.recording.cleaning.rising_stamps import NoTime, _known, rising_times, unset
 
 SECOND = 1_000_000_000
 START_NS = 1_700_000_000 * SECOND
@@ -61,6 +61,23 @@ def test_a_clock_that_is_set_back_takes_no_scan(back_s: float) -> None:
     steps_s = np.diff(times.stamps_ns) * 1e-9
     assert times.order.size == 1000 and steps_s.min() > 0.03 and steps_s.max() < 0.31
     assert (times.stamps_ns[-1] - times.stamps_ns[0]) * 1e-9 == pytest.approx(103.0, abs=3.0)
+
+
+@pytest.mark.parametrize("receiver_ns", [0, START_NS])
+@pytest.mark.parametrize("set_at", [500, 1700])
+def test_a_clock_that_is_set_back_goes_on_by_the_receipt(set_at: int, receiver_ns: int) -> None:
+    """To a microsecond, though messages are received milliseconds late; the longest part counts."""
+    delays_ns = np.random.default_rng(2).integers(1_000_000, 3_000_000, COUNT)
+    received_ns = true_ns() - START_NS + receiver_ns + delays_ns
+    stamps_ns = true_ns()
+    stamps_ns[set_at:] -= 3 * SECOND
+    on_ns, told = unset(stamps_ns, received_ns)
+    kept = slice(None, set_at) if set_at > COUNT / 2 else slice(set_at, None)
+    assert np.array_equal(on_ns[kept], stamps_ns[kept])
+    assert np.abs(np.diff(on_ns - true_ns())).max() < 200_000
+    assert len(told) == 1 and "was set (by -3 s)" in told[0]
+    assert np.array_equal(rising_times(stamps_ns, received_ns).stamps_ns, on_ns)
+    assert unset(stamps_ns, None)[1] == unset(true_ns(), received_ns)[1] == []
 
 
 @pytest.mark.parametrize("clock_ns", [0, START_NS])

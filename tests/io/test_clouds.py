@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,7 @@ from slamsim.run.info import missing
 from slamsim.slam.session import run_slam
 
 FEW = 12
+LATE_START = replace(TURNING, angle_min_rad=0.5 * np.pi)
 
 
 def ends_of(scan: Scan) -> FloatArray:
@@ -148,6 +150,16 @@ def test_a_robot_with_clouds_alone_is_mapped(tmp_path: Path, kind: str) -> None:
     true = PlanarTrajectory(path.stamps_ns + START_NS, path.poses)
     found = result.trajectory
     assert ate_rmse_m(found, true) < (0.005 if kind == "rings" else 0.03)
+
+
+def test_points_in_order_show_where_a_turn_begins(tmp_path: Path) -> None:
+    """Without times of the points: SLAM can estimate how long a turn lasts only so."""
+    scans = sensed()[:FEW]
+    clouds = [rings_of(replace(scan, geometry=LATE_START), "") for scan in scans]
+    log = read_log(bag_of(tmp_path / "a.mcap", as_messages(clouds)))
+    for found in log.scans:
+        assert found.geometry.angle_min_rad == pytest.approx(LATE_START.angle_min_rad, abs=1e-3)
+        assert found.geometry.beam_dt_ns == 0
 
 
 def test_survey_tells_what_is_cut_and_lacks_nothing(tmp_path: Path) -> None:

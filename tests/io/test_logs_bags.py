@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,11 +25,13 @@ from mcap.writer import CompressionType
 from rosbags.rosbag2 import StoragePlugin
 
 from slamsim.core.types import Log
-from slamsim.guard.errors import OverrideRefused
+from slamsim.guard.errors import OverrideRefused, SlamsimError
 from slamsim.io.bag2.writer import MCAP_NAME
-from slamsim.io.open import read_log, read_truth
+from slamsim.io.copy.recording import copy_recording
+from slamsim.io.open import read_log, read_recording, read_truth, survey_recording
 from slamsim.io.selection import Selection
 from slamsim.models.differential_drive import wheel_odometry
+from slamsim.recording import RawScans
 from slamsim.simulation.log_writer import LogWriter
 
 ROBOT1, ROBOT2 = Robot(ROS1), Robot(ROS2)
@@ -178,6 +181,22 @@ def test_of_several_lidars_the_busiest_or_the_one_asked_for(tmp_path: Path) -> N
         _read(tmp_path, ROBOT2.drive(), "/nothing")
 
 
+def test_of_several_echoes_the_first_is_read(tmp_path: Path) -> None:
+    """sensor_msgs/MultiEchoLaserScan, in both ROS; what is read so cannot be written back."""
+    for robot, make, name in ((ROBOT2, as_mcap, "a.mcap"), (ROBOT1, as_ros1, "a.bag")):
+        stamps_ns = START_NS, START_NS + 100_000_000
+        scans = [("/echoes", stamp_ns, robot.echoes(stamp_ns)) for stamp_ns in stamps_ns]
+        path = make(tmp_path / name, [robot.mounting(), *scans])
+        log = read_log(path)
+        assert "scans from /echoes (the first echo of each beam)" in log.sources
+        np.testing.assert_array_equal(log.scans[0].ranges_m, [1.0, np.inf, 3.0])
+        assert [topic.topic for topic in survey_recording(path).topics] == ["/tf_static", "/echoes"]
+        read = read_recording(path)
+        other = read.with_streams(RawScans, [replace(read.scans[0])])
+        with pytest.raises(SlamsimError, match="/echoes are the first echo of each beam; into"):
+            copy_recording(path, read, other, tmp_path / "copy")
+
+
 def test_ranges_by_our_conventions(tmp_path: Path) -> None:
     ranges = [0.0, 0.4, 0.5, 19.9, 20.0, 25.0, np.inf, np.nan, -np.inf, -1.0]
     scan = ROBOT2.scan(START_NS, ranges)
@@ -239,6 +258,23 @@ def test_unsound_odometry_is_left_out(tmp_path: Path) -> None:
     assert (np.diff(log.odometry.stamps_ns) > 0).all()
     assert _told(log, "2 messages without sound numbers")
     assert _told(log, "stamps run backwards: sorted")
+
+
+def test_transforms_give_odometry_where_its_topic_holds_no_pose(tmp_path: Path) -> None:
+    """Quaternions of zeros, as some drivers leave them; and a gyroscope that is none."""
+    messages = [ROBOT2.mounting(), *ROBOT2.scans()]
+    for i in range(60):
+        stamp_ns = START_NS + 20_000_000 * i
+        empty = ROBOT2.odometry(stamp_ns, 0.0)
+        empty.pose.pose.orientation.w = 0.0
+        moved = ROBOT2.tf(ROBOT2.transform(stamp_ns, ("odom", "base_footprint"), 0.1 * i))
+        messages += [("/odom", stamp_ns, empty), ("/tf", stamp_ns, moved)]
+        messages.append(("/imu", stamp_ns, ROBOT2.imu(stamp_ns, 0.0)))
+    log = _read(tmp_path, messages)
+    assert log.odometry is not None and log.imu is None
+    np.testing.assert_allclose(log.odometry.poses[:, 0], 0.1 * np.arange(60), atol=1e-12)
+    assert _told(log, "/odom: no usable pose; the transforms give odometry")
+    assert _told(log, "/imu: all its turn rates are exactly 0")
 
 
 def test_frames_of_changing_length_are_read_all_the_same(tmp_path: Path) -> None:

@@ -122,6 +122,23 @@ def test_odometry_moves_to_the_base_frame_that_is_named(tmp_path: Path) -> None:
     np.testing.assert_allclose(T_base_rear @ log.T_base_laser, usual.T_base_laser, atol=1e-12)
 
 
+def test_of_several_robots_the_odometry_is_that_of_the_scans(tmp_path: Path) -> None:
+    messages = [
+        [*odometry(f"/{robot}/odom", 60, speed), *imus(f"/{robot}/imu", 60, speed)]
+        for robot, speed in (("robot0", 1.0), ("robot1", 2.0))
+    ]
+    scans = [
+        (f"/{robot}/scan", t, m) for robot in ("robot0", "robot1") for _, t, m in ROBOT.scans()
+    ]
+    path = made(tmp_path, scans, *messages)
+    assert reach_m(path) == pytest.approx(0.02 * 59)
+    log = read_log(path, Selection(("/robot1/scan",)))
+    assert log.odometry is not None and log.imu is not None
+    assert log.odometry.poses[-1, 0] == pytest.approx(2 * 0.02 * 59)
+    np.testing.assert_allclose(log.imu.angular_velocity_rad_s[:, 2], 2.0)
+    assert reach_m(path, Selection(("/robot1/scan",), "/robot0/odom")) == pytest.approx(0.02 * 59)
+
+
 def test_a_namespaced_robot_with_transforms_alone(tmp_path: Path) -> None:
     """Every topic and frame under /robot1, no Odometry topic."""
     static = ROBOT.tf(ROBOT.transform(START_NS, ("robot1/base_link", "robot1/laser"), 0.3))

@@ -53,6 +53,13 @@ class Robot:
         empty = np.zeros(0, dtype=np.float32)
         return kind(self.header(stamp_ns, frame), *fields.values(), values, empty)
 
+    def echoes(self, stamp_ns: int) -> Any:
+        """sensor_msgs/MultiEchoLaserScan: beams with one echo, none, and two."""
+        scan, echo = self.scan(stamp_ns), self._t["sensor_msgs/msg/LaserEcho"]
+        beams = [echo(np.array(each, dtype=np.float32)) for each in ([1], [], [3, 5])]
+        declared = [getattr(scan, name) for name in list(scan.__dataclass_fields__)[:8]]
+        return self._t["sensor_msgs/msg/MultiEchoLaserScan"](*declared, beams, [])
+
     def transform(
         self, stamp_ns: int, frames: tuple[str, str], x_m: float = 0.0, yaw: float = 0.0
     ) -> Any:

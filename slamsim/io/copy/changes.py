@@ -102,8 +102,8 @@ def changes_between(read: Recording, edited: Recording) -> list[RowChanges]:
     for scans in edited.scans:
         if scans.note and not any(scans is each for each in read.scans):
             raise SlamsimError(
-                f"the scans of {scans.topic} are cut out of point clouds, into which a change of "
-                "them cannot be written: record them as sensor_msgs/LaserScan"
+                f"the scans of {scans.topic} are {scans.note}; into such messages a change of "
+                "scans cannot be written: record them as sensor_msgs/LaserScan"
             )
     published: dict[str, list[Any]] = {}
     for part, origin in parts_with_origin(read):

@@ -26,7 +26,7 @@ from slamsim.io.ros.collectors import (
     TransformCollector,
 )
 from slamsim.io.ros.columns import Opened
-from slamsim.io.ros.scan_collector import ScanCollector
+from slamsim.io.ros.scan_collector import EchoCollector, ScanCollector
 from slamsim.io.ros.sources import Channel
 from slamsim.recording import (
     KINDS,
@@ -37,6 +37,7 @@ from slamsim.recording import (
     Recording,
     UnreadTopic,
 )
+from slamsim.recording.choice import ECHOES
 from slamsim.recording.cleaning.rising_stamps import epoch_of
 from slamsim.recording.frames import frame_name
 from slamsim.recording.schemas import CLOCK, TRANSFORMS
@@ -50,6 +51,7 @@ _OWN_METADATA = "slamsim"
 _COLLECTORS: dict[str, Callable[[str, Opened, bool], Any]] = {
     **{kind.schema.type_name: partial(NumberCollector, kind) for kind in KINDS},
     RawScans.schema.type_name: ScanCollector,
+    ECHOES: EchoCollector,
     RawJoints.schema.type_name: JointCollector,
     TRANSFORM_TYPES[0]: TransformCollector,
     TRANSFORM_TYPES[1]: TransformCollector,

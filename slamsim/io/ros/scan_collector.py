@@ -53,9 +53,13 @@ class _Part:
 
 
 class ScanCollector(Collector):
-    """sensor_msgs/LaserScan."""
+    """sensor_msgs/LaserScan.
+
+    note: how the scans were made of other messages, in words; empty for those that are scans.
+    """
 
     kind = RawScans
+    note = ""
 
     def __init__(self, topic: str, opened: Opened, is_cdr: bool) -> None:
         super().__init__(topic, opened, is_cdr)
@@ -114,5 +118,27 @@ class ScanCollector(Collector):
             ranges_m=self._ranges.rows(),
             intensities=None if self._intensities is None else self._intensities.rows(),
             other_intensities=self._other_intensities,
-            origin=Origin.in_order(self.topic, np.concatenate(self._numbers)),
+            origin=None if self.note else self._origin(),
+            note=self.note,
         )
+
+    def _origin(self) -> Origin:
+        return Origin.in_order(self.topic, np.concatenate(self._numbers))
+
+
+class EchoCollector(ScanCollector):
+    """sensor_msgs/MultiEchoLaserScan, with one echo of each beam, as Cartographer reads it."""
+
+    note = "the first echo of each beam"
+
+    def __init__(self, topic: str, opened: Opened, is_cdr: bool) -> None:
+        super().__init__(topic, lambda data: _with_first_echoes(opened(data)), is_cdr=False)
+
+
+def _with_first_echoes(message: Any) -> Any:
+    """The message with lists of numbers, ``inf`` for beams without an echo; None for None."""
+    if message is not None:
+        for name in ("ranges", "intensities"):
+            firsts = [np.append(beam.echoes, np.inf)[0] for beam in getattr(message, name)]
+            setattr(message, name, np.array(firsts, dtype=np.float32))
+    return message

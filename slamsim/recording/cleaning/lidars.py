@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 from pathlib import Path
 
@@ -96,7 +97,7 @@ def scan_times(
     rows = survey.rows
     where = f"topic {raw.topic}"
     if not rows.size:
-        reason = f"none of {len(raw)} scans describes a lidar"
+        reason = f"none of {len(raw)} scans describes a lidar: {_described(raw)}"
         raise InputRefused(source, reason, where)
     stamps_ns = raw.stamps_ns[rows]
     received_ns = None if raw.received_ns is None else raw.received_ns[rows]
@@ -118,6 +119,16 @@ def scan_times(
             "when they were taken is not known"
         )
         raise InputRefused(source, reason, where) from None
+
+
+def _described(raw: RawScans) -> str:
+    """The first scan in words, of which one number or another makes no sense."""
+    layout, beams = raw.layout(0), raw.ranges_m[0].size
+    return (
+        f"the first has {beams:,} beams {math.degrees(layout.angle_step_rad):.4g} degrees and "
+        f"{1e3 * layout.beam_dt_s:.4g} ms apart, for ranges of {layout.range_min_m:.4g} to "
+        f"{layout.range_max_m:.4g} m; `slamsim check` looks for the fault"
+    )
 
 
 def _is_sorting_right(stamps_ns: IntArray, poses: FloatArray) -> bool | None:

@@ -221,13 +221,8 @@ class _Cleaning:
         """(T_odom_base, the frame it moves); /tf completes the tree where that is needed."""
         raw = self._first(RawOdometry) if carried is None else carried
         path: PlanarTrajectory | None = None
-        if raw is None:
-            tree.add(self._transforms(is_static=False))
-            edges = odometry_chain(tree, laser_frame)
-            base_frame = edges[-1][1] if edges else likely_base(tree)
-            found = chain_of(self._recording.transforms, edges)
-            path = None if found is None else found.planar()
-        else:
+        base_frame = ""
+        if raw is not None:
             if carried is None:
                 path, odd = odometry_of(raw)
                 self.warnings += odd
@@ -236,6 +231,14 @@ class _Cleaning:
             base_frame = raw.child_frame_ids[0] or self._recording.base_frame or likely_base(tree)
             if tree.between(base_frame, laser_frame) is None:
                 tree.add(self._transforms(is_static=False))
+        if path is None or len(path) == 0:
+            tree.add(self._transforms(is_static=False))
+            edges = odometry_chain(tree, laser_frame)
+            base_frame = edges[-1][1] if edges else base_frame or likely_base(tree)
+            found = chain_of(self._recording.transforms, edges)
+            path = None if found is None else found.planar()
+            if raw is not None and path is not None:
+                self.warnings.append(f"{raw.topic}: no usable pose; the transforms give odometry")
         if path is None or len(path) == 0:
             self.warnings.append(
                 f"a log without odometry: neither {RawOdometry.schema.type_name} nor transforms "
@@ -276,6 +279,10 @@ class _Cleaning:
         raw = self._first(RawImu)
         imu, odd = (None, []) if raw is None else imu_of(raw)
         self.warnings += odd
+        if raw is not None and imu is not None and not imu.angular_velocity_rad_s.any():
+            # No gyroscope reads that; accelerometers alone are published with it.
+            self.warnings.append(f"{raw.topic}: all its turn rates are exactly 0: left out")
+            imu = None
         return imu
 
     def _require_overlap(
@@ -287,7 +294,10 @@ class _Cleaning:
         spans = f"scans {first_ns}..{last_ns} ns, odometry {start_ns}..{end_ns} ns"
         if last_ns < start_ns or first_ns > end_ns:
             if not has_encoders:
-                raise InputRefused(self._source, f"no common time: {spans}; a clock is off")
+                raise InputRefused(
+                    self._source,
+                    f"no common time: {spans}; a clock is off, which `slamsim fix` may put right",
+                )
             self.warnings.append(f"scans and odometry have no common time: {spans}")
             return
         before, after = (scan_stamps_ns < start_ns).sum(), (scan_stamps_ns > end_ns).sum()

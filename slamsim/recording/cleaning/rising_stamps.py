@@ -2,8 +2,9 @@
 
 Stamps may be equal (a driver that writes none), coarse (whole seconds), wrong for some messages
 or fall back (a clock that was set, messages that arrived out of order). In that order are used:
-sorting, where messages were only delayed; the neighbours' stamps, with the messages between them
-spread evenly; the times at which they were received; the order of the messages alone.
+the times of receipt, to undo that a clock was set; sorting, where messages were only delayed; the
+neighbours' stamps, with the messages between them spread evenly; the times at which they were
+received; the order of the messages alone.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ MOST_PER_STAMP = 100
 ALIKE_FACTOR, ALIKE_SHARE = 3.0, 0.5
 """The time between messages is known if for that share of them it is within the factor of its
 median."""
+ALIKE_SIZE = 0.9
+"""Of the longest part between two settings of a clock, a part that is about as long."""
 LARGEST_NS = 2.0**61
 """Nonsense that is spread evenly still adds up to 64 bits."""
 
@@ -66,7 +69,8 @@ def rising_times(
     such. what: the messages, in words.
     """
     order = np.arange(stamps_ns.size)
-    told: list[str] = []
+    stamps_ns, told = unset(stamps_ns, received_ns)
+    made_anew = bool(told)
     late = int((np.diff(stamps_ns) < 0).sum())
     if late and (sorting or (sorting is None and not is_late(stamps_ns))):
         order = np.argsort(stamps_ns, kind="stable")
@@ -74,11 +78,37 @@ def rising_times(
     order = _without_repeats(stamps_ns, order, is_repeat, told)
     stamps_ns = stamps_ns[order]
     if (np.diff(stamps_ns) > 0).all():
-        return Times(order, stamps_ns, tuple(told))
+        return Times(order, stamps_ns, tuple(told), made_anew)
     received_ns = None if received_ns is None else received_ns[order]
     source, rising_ns = _made_anew(stamps_ns, received_ns, period_ns)
     words = f"{_wrong(stamps_ns, what)}: {source}"
     return Times(order, rising_ns, (*told, words), made_anew=True)
+
+
+def unset(stamps_ns: IntArray, received_ns: IntArray | None) -> tuple[IntArray, list[str]]:
+    """(stamps as if their clock had gone on, what was odd), where one was set back.
+
+    stamps_ns: (n,) in the order of the recording. received_ns: (n,) on any clock. As written where
+    nothing tells the receipt, or stamps would fall back or repeat all the same.
+    """
+    if received_ns is None or not is_late(stamps_ns):
+        return stamps_ns, []
+    ahead_ns = stamps_ns - received_ns
+    ahead_ns -= ahead_ns[0]  # else a median of doubles loses nanoseconds
+    starts = np.flatnonzero(np.abs(np.diff(ahead_ns)) > MOST_DELAY_NS) + 1
+    if not starts.size:
+        return stamps_ns, []
+    parts = np.split(ahead_ns, starts)
+    sizes = np.array([part.size for part in parts])
+    # The first of two that are about as long: the same for all streams of one clock.
+    kept = int(np.argmax(sizes >= ALIKE_SIZE * sizes.max()))
+    offsets_ns = np.array([int(np.median(part)) for part in parts])
+    on_ns = stamps_ns - np.repeat(offsets_ns - offsets_ns[kept], sizes)
+    if is_late(on_ns) or np.unique(on_ns).size < on_ns.size:
+        return stamps_ns, []
+    leap_s = 1e-9 * float(offsets_ns[1] - offsets_ns[0])
+    told = f"the clock of the stamps was set (by {leap_s:+.4g} s): the times of receipt undo it"
+    return on_ns, [told]
 
 
 def is_late(stamps_ns: IntArray) -> bool:

@@ -26,7 +26,7 @@ from slamsim.core.types import (
 )
 from slamsim.guard.numbers import LEAST_SIZE_M, MOST, is_sound
 from slamsim.recording import RawImu, RawOdometry, RawTicks, TransformEdge
-from slamsim.recording.cleaning.rising_stamps import NoTime, rising_times
+from slamsim.recording.cleaning.rising_stamps import NoTime, rising_times, unset
 
 _UNIT_TOLERANCE = 0.1
 """A quaternion whose norm is off by more is none; within, rounding is taken out of it."""
@@ -44,12 +44,14 @@ def in_order(
     if not usable.all():
         warnings.append(f"{what}: {int((~usable).sum())} messages without sound numbers left out")
     rows = np.flatnonzero(usable)
-    backward = int((np.diff(stamps_ns[rows]) < 0).sum())
-    unique_ns, first = np.unique(stamps_ns[rows], return_index=True)
+    received_ns = None if received_ns is None else received_ns[rows]
+    stamps_ns, told = unset(stamps_ns[rows], received_ns)
+    warnings += [f"{what}: {words}" for words in told]
+    backward = int((np.diff(stamps_ns) < 0).sum())
+    unique_ns, first = np.unique(stamps_ns, return_index=True)
     if 2 * unique_ns.size < rows.size:
         with suppress(NoTime):
-            received_ns = None if received_ns is None else received_ns[rows]
-            times = rising_times(stamps_ns[rows], received_ns, what="messages")
+            times = rising_times(stamps_ns, received_ns, what="messages")
             told = [f"{what}: {words}" for words in times.told]
             return times.stamps_ns, rows[times.order], [*warnings, *told]
     if backward:
@@ -131,7 +133,9 @@ def chain_of(
             np.concatenate([getattr(edge, name) for edge in mine])
             for name in ("stamps_ns", "positions_m", "quats_xyzw")
         )
-        parts.append(_trajectory(stamps_ns, positions_m, quats_xyzw, "/tf")[0])
+        received = [edge.received_ns for edge in mine if edge.received_ns is not None]
+        received_ns = np.concatenate(received) if len(received) == len(mine) else None
+        parts.append(_trajectory(stamps_ns, positions_m, quats_xyzw, "/tf", received_ns)[0])
     if not parts or any(len(part) == 0 for part in parts):
         return None
     first_ns = max(int(part.stamps_ns[0]) for part in parts)

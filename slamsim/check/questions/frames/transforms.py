@@ -196,11 +196,16 @@ def _links(recording: Recording, graph: FrameGraph, base: str) -> list[Finding]:
 def _sensor_links(recording: Recording, graph: FrameGraph, base: str) -> Iterator[Finding]:
     streams: list[RawStream] = [*recording.scans, *recording.imus]
     links = set(_LINK.findall(recording.robot_description or ""))
+    # Of several robots in one recording, each has sensors of its own.
+    bases = {
+        base,
+        *(frame for odometry in recording.odometries for frame in odometry.child_frame_ids),
+    }
     for stream in streams:
         for frame in stream.frame_ids:
             if frame not in graph and frame not in links:
                 yield _unknown_frame(stream, frame, graph)
-            elif not graph.connects(base, frame):
+            elif not any(graph.connects(each, frame) for each in bases):
                 yield judge(
                     LINKS,
                     f"{base} -> {frame}",
