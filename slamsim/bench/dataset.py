@@ -12,7 +12,7 @@ import statistics
 import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -23,7 +23,7 @@ from typing import cast
 import numpy as np
 
 from slamsim.bench.logs import Children
-from slamsim.bench.speed import plain_rays
+from slamsim.bench.speed import plain_rays, processor_s
 from slamsim.console.reporter import Reporter
 from slamsim.core.types import Float32Array
 from slamsim.dataset.make.engines.dask import DaskEngine, cluster_here
@@ -163,21 +163,17 @@ def _bare_parts(specs: list[SequenceSpec], folder: Path) -> dict[str, float]:
         scene = Scene(world.mesh, config.sensors.lidar.range_max_m)
         copy = PlainCopy.of(place / LOG)
         step = partial(bare_step_seconds, world, robot, config.drive.physics)
-        parts["stepping"] += _cpu_s(partial(step, simulated_s)) - _cpu_s(partial(step, 0.0))
-        parts["casting"] += _cpu_s(partial(_cast_all, scene, rays))
-        parts["writing"] += _cpu_s(partial(copy.write, place / "plain"))
+        parts["stepping"] += processor_s(partial(step, simulated_s)) - processor_s(
+            partial(step, 0.0)
+        )
+        parts["casting"] += processor_s(partial(_cast_all, scene, rays))
+        parts["writing"] += processor_s(partial(copy.write, place / "plain"))
     return {name: total / len(specs) for name, total in parts.items()}
 
 
 def _cast_all(scene: Scene, rays: list[Float32Array]) -> None:
     for batch in rays:
         scene.cast(batch)
-
-
-def _cpu_s(work: Callable[[], object]) -> float:
-    begun_s = time.process_time()
-    work()
-    return time.process_time() - begun_s
 
 
 BARE_STEPS = 20_000_000

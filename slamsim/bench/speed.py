@@ -202,6 +202,13 @@ def _seconds(work: Callable[[], object]) -> float:
     return time.perf_counter() - begun_s
 
 
+def processor_s(work: Callable[[], object]) -> float:
+    """Processor time that this process takes for a piece of work."""
+    begun_s = time.process_time()
+    work()
+    return time.process_time() - begun_s
+
+
 _PARTS: dict[str, Callable[[_Subject], Figures]] = {
     "sense": _sense,
     "drive": _drive,

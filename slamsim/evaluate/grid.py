@@ -86,11 +86,11 @@ def compare_grids(
     doubled = nearest_m(surface, ghosts) <= GHOST_RADIUS_M
     free_iou, free_coverage = _free_shares(estimate, truth, seen, T_truth_estimate)
     return MapScores(
-        wall_recall=_share(shown[in_view]),
-        wall_coverage=_share(shown),
-        wall_precision=_share(map_to_truth_m <= within_m),
+        wall_recall=share(shown[in_view]),
+        wall_coverage=share(shown),
+        wall_precision=share(map_to_truth_m <= within_m),
         wall_error_mean_m=float(np.mean(map_to_truth_m)) if walls.size else None,
-        doubled_wall_share=_share(doubled),
+        doubled_wall_share=share(doubled),
         free_iou=free_iou,
         free_coverage=free_coverage,
     )
@@ -160,7 +160,8 @@ def tolerance_m(truth: Grid) -> float:
     return float(np.sqrt(2.0) * truth.resolution_m * (1.0 + _ROUNDING))
 
 
-def _share(chosen: BoolArray) -> float | None:
+def share(chosen: BoolArray) -> float | None:
+    """How many of (n,) are so; None of none."""
     return float(np.mean(chosen)) if chosen.size else None
 
 

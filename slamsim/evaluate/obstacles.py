@@ -9,7 +9,14 @@ import numpy as np
 from slamsim.core.geometry import transform_points, wrap_angle
 from slamsim.core.layers import ObstacleLayer
 from slamsim.core.types import BoolArray, FloatArray, Grid
-from slamsim.evaluate.grid import cell_centres, nearest_m, occupied, tolerance_m, wall_surface
+from slamsim.evaluate.grid import (
+    cell_centres,
+    nearest_m,
+    occupied,
+    share,
+    tolerance_m,
+    wall_surface,
+)
 from slamsim.evaluate.visibility import seen_from
 
 
@@ -61,9 +68,9 @@ def score_obstacles(
     is_true = nearest_m(shown, body) <= near_m
     return ObstacleScores(
         len(hidden),
-        _share(nearest_m(hidden, shown) <= near_m),
-        _share(nearest_m(hidden, mapped) <= near_m),
-        _share(is_true),
+        share(nearest_m(hidden, shown) <= near_m),
+        share(nearest_m(hidden, mapped) <= near_m),
+        share(is_true),
         int(np.count_nonzero(~is_true)),
     )
 
@@ -82,7 +89,3 @@ def _in_view(
     seen = seen_from(body, places_m, layer.max_depth_m)
     cells = np.floor((points_m - body.origin_m) / body.resolution_m).astype(np.int64)
     return found & seen[cells[:, 1], cells[:, 0]]
-
-
-def _share(chosen: BoolArray) -> float | None:
-    return float(np.mean(chosen)) if chosen.size else None

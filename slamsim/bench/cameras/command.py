@@ -11,7 +11,6 @@ formula and the planes, and nothing of rays, meshes or interpolated motion.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,6 +20,7 @@ import numpy as np
 
 from slamsim.bench.cameras.halls import measure_tags
 from slamsim.bench.cameras.tags import measure_tag_nees
+from slamsim.bench.speed import processor_s
 from slamsim.cameras.lens import CameraModel, pinhole
 from slamsim.cameras.poses import optical_flow
 from slamsim.config.loading import load_run_config
@@ -107,13 +107,7 @@ def _cpu_per_second(
         for motion in motions:
             camera.sense(motion).streams()
 
-    return min(_cpu_s(sense_all) for _ in range(_ROUNDS)) / seconds
-
-
-def _cpu_s(work: Any) -> float:
-    begin = time.process_time()
-    work()
-    return time.process_time() - begin
+    return min(processor_s(sense_all) for _ in range(_ROUNDS)) / seconds
 
 
 def _time_over_bare_cast(world: World, windows: list[Drive]) -> float:
@@ -134,8 +128,8 @@ def _time_over_bare_cast(world: World, windows: list[Drive]) -> float:
     def whole() -> list[Float32Array]:
         return [view.sight(view.poses(motion, int(at), 0)).depths_m for at in instants]
 
-    bare_s = min(_cpu_s(lambda: [scene.answer(each) for each in rays]) for _ in range(_ROUNDS))
-    return min(_cpu_s(whole) for _ in range(_ROUNDS)) / bare_s
+    bare_s = min(processor_s(lambda: [scene.answer(each) for each in rays]) for _ in range(_ROUNDS))
+    return min(processor_s(whole) for _ in range(_ROUNDS)) / bare_s
 
 
 _HALF_M, _HIGH_M = 3.0, 12.0
