@@ -15,7 +15,7 @@ from slamsim.recording import Messages, Recording
 from slamsim.recording.edits.base import IMUS, SCANS, WHEELS, CannotEdit, Edit, Target
 from slamsim.recording.edits.messages import ChangeMessages, SelectMessages, select
 from slamsim.recording.edits.stamps import Restamp, ScaleStamps, ShiftReceipt, ShiftStamps
-from slamsim.sensors.faults.base import Fault, span_ns, spells
+from slamsim.sensors.faults.base import Fault, some_of, span_ns, spells
 
 StreamName = Literal["lidar", "imu", "wheels"]
 _TARGETS: Mapping[StreamName, Target] = {"lidar": SCANS, "imu": IMUS, "wheels": WHEELS}
@@ -156,8 +156,7 @@ class StampsBackward(StampsFault):
 
     def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         def stepped(stamps: IntArray) -> IntArray:
-            back = rng.random(stamps.size) < self.share
-            back[stamps.size // 2 :][:1] = True  # at least one
+            back = some_of(stamps.size, self.share, rng)
             return stamps - np.where(back, round(1.5 * _period_ns(stamps)), 0)
 
         return Restamp(self.target, stepped)
