@@ -16,9 +16,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
 from slamsim.core.geometry import between, compose
+from slamsim.core.quantiles import chi_square
 from slamsim.core.types import FloatArray, IntArray, PlanarTrajectory
 from slamsim.evaluate.trajectory import align_se2, covered_by
 from slamsim.guard.numbers import require_covariances, require_number, require_whole, solving
@@ -56,7 +56,7 @@ class Consistency:
     @property
     def inside_share(self) -> float:
         """Of the poses within their 95 % ellipse."""
-        return float(np.mean(self.nees <= chi2.ppf(INSIDE_SHARE, DEGREES_OF_FREEDOM)))
+        return float(np.mean(self.nees <= chi_square(INSIDE_SHARE, DEGREES_OF_FREEDOM)))
 
 
 def nees(
@@ -119,5 +119,5 @@ def nees_band(runs: int, share: float = INSIDE_SHARE) -> tuple[float, float]:
     require_number("the share within the band", share, 1e-9, 1.0 - 1e-9)
     freedom = DEGREES_OF_FREEDOM * runs
     tails = np.array([0.5 * (1.0 - share), 0.5 * (1.0 + share)])
-    low, high = (chi2.ppf(tails, freedom) / runs).tolist()
+    low, high = (chi_square(tails, freedom) / runs).tolist()
     return low, high

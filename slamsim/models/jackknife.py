@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.stats import t
 
+from slamsim.core.quantiles import student_t
 from slamsim.core.types import FloatArray
 from slamsim.guard.numbers import solving
 
@@ -35,4 +35,4 @@ def wider(moved: FloatArray) -> FloatArray:
     spread = np.square(squares.sum(axis=0))
     usual = np.full(moved.shape[1], len(moved) - 1.0)
     freedom = np.divide(3.0 * spread, fourth, out=usual.copy(), where=fourth > 0.0)
-    return np.asarray(t.ppf(0.975, np.clip(freedom, 3.0, usual)) / 1.96)
+    return np.asarray(student_t(0.975, np.clip(freedom, 3.0, usual)) / 1.96)

@@ -10,10 +10,10 @@ from dataclasses import dataclass, field, replace
 from typing import TypeVar
 
 import numpy as np
-from scipy.stats import chi2
 
 from slamsim.config.run import RunConfig
 from slamsim.core.components import components
+from slamsim.core.quantiles import chi_square
 from slamsim.core.result import Event, EventKind, PoseGraph, SlamResult
 from slamsim.core.types import BoolArray, FloatArray, Grid, PlanarTrajectory, Trajectory
 from slamsim.evaluate.bound import TrajectoryBound, trajectory_bound
@@ -141,7 +141,7 @@ _DOUBTFUL: dict[EventKind, str] = {
 }
 _STILL_M = 0.1
 """A path that is shorter than a pose counts as a step (``report.numbers``) is none."""
-_SIGMAS = float(np.sqrt(chi2.ppf(0.95, 2)))
+_SIGMAS = float(np.sqrt(chi_square(0.95, 2)))
 """Radius of the circle that holds 95 % of normal positions in the plane."""
 
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
-from scipy.stats import spearmanr
 
 from slamsim.core.types import FloatArray
 from slamsim.scenarios.base import Outcome, Row
@@ -62,6 +61,8 @@ def trend(x: Sequence[float], y: Sequence[float]) -> Trend | None:
     """None for too few points, or for values that are all the same."""
     if len(x) < FEWEST or len(set(x)) == 1 or len(set(y)) == 1:
         return None
+    from scipy.stats import spearmanr  # not at the top: it takes 0.7 s
+
     found = spearmanr(x, y)
     return Trend(float(found.statistic), float(found.pvalue))
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from scipy.signal import fftconvolve
 
-from slamsim.check.motion.coarse_offset import Rate, coarse_lag
+from slamsim.check.motion.coarse_offset import Rate, coarse_lag, convolved
 from slamsim.check.motion.local_lags import local_lags
 from slamsim.check.motion.wheel_counts import counter_range, unwrapped
 from slamsim.core.types import FloatArray
@@ -24,6 +25,13 @@ def signal(times_s: FloatArray) -> FloatArray:
 def rate(begin_s: float, end_s: float, period_s: float, late_s: float = 0.0) -> Rate:
     edges = np.arange(begin_s, end_s, period_s)
     return Rate(edges[:-1] + late_s, edges[1:] + late_s, signal(0.5 * (edges[1:] + edges[:-1])))
+
+
+@given(st.integers(1, 3000), st.integers(1, 900))
+def test_convolutions_are_those_of_scipy_to_the_last_bit(first: int, second: int) -> None:
+    random = np.random.default_rng(first)
+    a, b = random.normal(size=first), random.normal(size=second)
+    np.testing.assert_array_equal(convolved(a, b[::-1]), fftconvolve(a, b[::-1]))
 
 
 @given(

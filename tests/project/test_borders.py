@@ -73,6 +73,20 @@ def test_the_process_that_drives_loads_no_library_of_planning() -> None:
     assert done.stdout == "False\n"
 
 
+SLOW_PARTS = ("scipy.stats", "scipy.signal")
+
+
+def test_what_takes_long_to_import_waits_until_it_is_used() -> None:
+    """scipy.stats and scipy.signal take 0.8 s of processor time, for a few lines of theirs."""
+    found = [
+        (path.relative_to(PACKAGE).as_posix(), node.module)
+        for path in sorted(PACKAGE.rglob("*.py"))
+        for node in tree_of(path).body
+        if isinstance(node, ast.ImportFrom) and str(node.module).startswith(SLOW_PARTS)
+    ]
+    assert found == []
+
+
 READING = {
     *("read_bytes", "read_text", "open", "copyfile", "copytree", "copy2", "fromfile", "memmap"),
     *("loadtxt", "genfromtxt", "load_scene", "loadURDF", "imread", "read_triangle_mesh"),

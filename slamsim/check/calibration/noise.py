@@ -6,9 +6,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
 from slamsim.check.motion.laser_steps import LaserSteps
+from slamsim.core.quantiles import chi_square
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.guard.numbers import solving
 
@@ -136,7 +136,7 @@ class Pieces:
         share = weights / weights.sum(axis=0)
         apart = self.moved - (share * self.moved).sum(axis=0)
         squares = np.square(share * apart) / np.maximum(1.0 - share, NO_OTHER)
-        expected = chi2.ppf(1.0 - SCATTERS, len(self.moved) - 1)
+        expected = chi_square(1.0 - SCATTERS, len(self.moved) - 1)
         squares *= (weights * np.square(apart)).sum(axis=0) > expected
         least = squares.sum(axis=0)
         for value, growth in slopes:

@@ -13,12 +13,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.stats import t
 
 from slamsim.check.map_quality.tracks import Track, recorded_tracks
 from slamsim.config.slam import FrontEndConfig
 from slamsim.core.geometry import between
 from slamsim.core.jit import kernel
+from slamsim.core.quantiles import student_t
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawScans, Recording
 from slamsim.recording.choice import lidars
@@ -102,7 +102,8 @@ def change(before: BeamEnds, after: BeamEnds) -> Change:
     unsure = [_sigma_m(now - was)] if was.size == now.size else [_sigma_m(was), _sigma_m(now)]
     sigma_m, freedom = float(np.hypot.reduce(unsure)), max(min(was.size, now.size) - 1, 1)
     by_m = [
-        max(least_m, sigma_m * t.ppf(sure, freedom)) for sure in (SURE_OF_BETTER, SURE_OF_WORSE)
+        max(least_m, sigma_m * float(student_t(sure, freedom)))
+        for sure in (SURE_OF_BETTER, SURE_OF_WORSE)
     ]
     return Change(mean_m, bool(mean_m < -by_m[0]), bool(mean_m > by_m[1]))
 

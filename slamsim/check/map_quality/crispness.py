@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from scipy.stats import t
 
 from slamsim.check.calibration.joint import Calibration
 from slamsim.check.findings import SURE_SIGMAS, Curve, Plot
@@ -28,6 +27,7 @@ from slamsim.check.map_quality.dead_reckoning import (
 )
 from slamsim.check.map_quality.entropy import map_entropy, placed
 from slamsim.check.map_quality.views import WindowView, window_views
+from slamsim.core.quantiles import student_t
 from slamsim.core.types import FloatArray
 from slamsim.recording import Recording
 from slamsim.slam.laser.scan_motion import ScanMotions
@@ -221,5 +221,5 @@ def _with(clocks: Clocks, stream: Stream, clock: Clock) -> Clocks:
 
 def _mean_of(values: FloatArray) -> tuple[float, float]:
     """Of few numbers, with a sigma as wide as few of them allow (Student's t)."""
-    wider = float(t.ppf(0.975, values.size - 1)) / 1.96
+    wider = float(student_t(0.975, values.size - 1)) / 1.96
     return float(values.mean()), wider * float(values.std(ddof=1)) / np.sqrt(values.size)

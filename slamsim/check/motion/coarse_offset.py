@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import fftconvolve
+from scipy import fft
 
 from slamsim.core.types import FloatArray
 
@@ -81,15 +81,25 @@ def sampled(rate: Rate, step_s: float) -> tuple[FloatArray, FloatArray]:
     return values, known.astype(np.float64)
 
 
+def convolved(a: FloatArray, b: FloatArray) -> FloatArray:
+    """(n + m - 1,) of (n,) and (m,), bit for bit as ``scipy.signal.fftconvolve``, which takes 0.8 s
+    of processor time to import."""
+    if min(a.size, b.size) == 1:
+        return a * b
+    size = a.size + b.size - 1
+    padded = fft.next_fast_len(size, real=True)
+    return np.asarray(fft.irfft(fft.rfft(a, padded) * fft.rfft(b, padded), padded)[:size])
+
+
 def correlations(
     a: FloatArray, known_a: FloatArray, b: FloatArray, known_b: FloatArray
 ) -> FloatArray:
     """(len(a) + len(b) - 1,) normalised, over what both know; 0 where they overlap too little."""
-    both = np.maximum(fftconvolve(known_b, known_a[::-1]), 1.0)
-    sum_a, sum_b = fftconvolve(known_b, a[::-1]), fftconvolve(b, known_a[::-1])
-    product = fftconvolve(b, a[::-1]) - sum_a * sum_b / both
-    square_a = fftconvolve(known_b, np.square(a)[::-1]) - np.square(sum_a) / both
-    square_b = fftconvolve(np.square(b), known_a[::-1]) - np.square(sum_b) / both
+    both = np.maximum(convolved(known_b, known_a[::-1]), 1.0)
+    sum_a, sum_b = convolved(known_b, a[::-1]), convolved(b, known_a[::-1])
+    product = convolved(b, a[::-1]) - sum_a * sum_b / both
+    square_a = convolved(known_b, np.square(a)[::-1]) - np.square(sum_a) / both
+    square_b = convolved(np.square(b), known_a[::-1]) - np.square(sum_b) / both
     enough = (square_a > LEAST_SHARE * square_a.max()) & (square_b > LEAST_SHARE * square_b.max())
     scale = np.sqrt(np.maximum(square_a, 0.0) * np.maximum(square_b, 0.0))
     least = 1e-9 * np.sqrt(np.square(a).sum() * np.square(b).sum())

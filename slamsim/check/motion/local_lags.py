@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy.signal import fftconvolve
 
-from slamsim.check.motion.coarse_offset import GRID_S, Rate, sampled
+from slamsim.check.motion.coarse_offset import GRID_S, Rate, convolved, sampled
 from slamsim.core.types import FloatArray, IntArray
 
 ALIKE = 0.85
@@ -85,8 +84,8 @@ def _rms(rate: Rate) -> float:
 def _candidates(piece: Rate, other: Rate) -> FloatArray:
     """(c, 2) lag of likeliest places, and likeness: 1 less the share of the squares left over."""
     (a, known_a), (b, known_b) = sampled(piece, GRID_S), sampled(other, GRID_S)
-    apart = 2.0 * fftconvolve(b, a[::-1]) - fftconvolve(np.square(b), known_a[::-1])
-    whole = fftconvolve(known_b, known_a[::-1]) > 0.98 * known_a.sum()
+    apart = 2.0 * convolved(b, a[::-1]) - convolved(np.square(b), known_a[::-1])
+    whole = convolved(known_b, known_a[::-1]) > 0.98 * known_a.sum()
     likeness = np.where(whole, apart / np.square(a).sum(), 0.0)
     lags = (np.arange(likeness.size) - (len(a) - 1)) * GRID_S
     lags = lags + float(other.starts_s[0] - piece.starts_s[0])

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2, t
 
 from slamsim.check.calibration.explanation import LIMITS
 from slamsim.check.calibration.joint import Calibration
@@ -20,6 +19,7 @@ from slamsim.check.questions.clocks.pairs import LIMITS_S
 from slamsim.check.questions.inertial.gyroscope import BIAS_LIMIT_RAD_S
 from slamsim.check.questions.laser.mounting import PLACE_LIMIT_M, YAW_LIMIT_DEG
 from slamsim.check.questions.streams.clock_steps import CLOCK_STEP
+from slamsim.core.quantiles import chi_square, student_t
 from slamsim.core.types import FloatArray
 
 EXPLAINED = 0.001
@@ -204,10 +204,10 @@ def _steps(pieces: Pieces, one: Quantity) -> Iterator[_Step]:
                 continue
             before, after = _mean(moved[:end], sigmas[:end]), _mean(moved[begin:], sigmas[begin:])
             freedom, scatter = end + count - begin - 2, before[2] + after[2]
-            if scatter > chi2.ppf(1.0 - EXPLAINED, freedom):
+            if scatter > chi_square(1.0 - EXPLAINED, freedom):
                 continue
             # Noise is as the pieces scatter about either side, few as they are (Student, Birge).
-            wider = np.sqrt(max(scatter / freedom, 1.0)) * t.ppf(0.975, freedom) / 1.96
+            wider = np.sqrt(max(scatter / freedom, 1.0)) * student_t(0.975, freedom) / 1.96
             size = Measurement(
                 one.factor * (after[0] - before[0]),
                 one.factor * float(np.hypot(before[1], after[1]) * wider),

@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from slamsim.core.geometry import between
 from slamsim.core.result import Event
@@ -18,7 +18,7 @@ FALSE_ALARMS = 1e-9
 """Of steps whose errors are Gaussian, with such sigmas as odometry shows here; there are some
 100,000 scans in an hour at most."""
 
-SUDDEN_SIGMAS = float(np.sqrt(chi2.isf(FALSE_ALARMS, 3)))
+SUDDEN_SIGMAS = float(np.sqrt(chdtri(3, FALSE_ALARMS)))
 
 FRICTION_M_S2 = 9.81
 """No floor pushes a robot harder than about its weight."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Container, Iterator, Sequence
 
 import numpy as np
-from scipy.stats import chi2
 
 from slamsim.core.components import components
 from slamsim.core.geometry import adjoint, between
+from slamsim.core.quantiles import chi_square
 from slamsim.core.result import Event, GraphEdge, MapGraph
 from slamsim.core.types import BoolArray, FloatArray, IntArray
 from slamsim.slam.frontend.odometry import ELSEWHERE_M
@@ -22,7 +22,7 @@ HELD_M = 0.2
 directions, found in a search of the whole map, are sure to 0.15 m; along what a corridor leaves
 free they are sure to 1 m at best."""
 
-AGREEMENT = float(chi2.ppf(0.99, 3))
+AGREEMENT = float(chi_square(0.99, 3))
 """Squared distance, in sigmas, up to which a closure is where it was measured."""
 
 DIRECTIONS, APART_RAD = 18, np.deg2rad(15.0)
