@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -139,6 +139,27 @@ def test_slipping_wheels_do_not_pull() -> None:
     slipped[3] = GraphEdge(3, 4, T, slipped[3].covariance, "odometry")
     with_slip = refine(one.views, one.start, slipped, NOISE_M, one.edges)
     assert np.abs(between(refined(one).poses, with_slip.poses)[:, :2]).max() < 0.001
+
+
+def test_the_odometry_of_a_long_loop_does_not_give_way_in_one_place() -> None:
+    """Steps that are wrong by several of their sigmas each, between two ends that see the room."""
+    one, ends = scene(8, count=40), 6
+    rng = np.random.default_rng(8)
+    views, odometry = list(one.views), []
+    for k in range(ends, len(views) - ends):
+        views[k] = views[k][:0]
+    for edge in one.odometry:
+        T = compose(between(*one.truth[[edge.source, edge.target]]), np.array([0.01, 0.0, 0.0]))
+        T = compose(T, rng.normal(size=3) * [0.003, 0.003, 0.0003])
+        odometry.append(replace(edge, T_source_target=T, covariance=np.diag([1e-6, 1e-6, 1e-7])))
+    closure = GraphEdge(
+        0, 39, between(one.truth[0], one.truth[-1]), np.diag([1e-6, 1e-6, 1e-8]), "closure"
+    )
+    result = refine(views, one.truth, odometry, NOISE_M, [*one.edges, closure])
+    bent = between(
+        between(one.truth[:-1], one.truth[1:]), between(result.poses[:-1], result.poses[1:])
+    )
+    assert np.hypot(bent[:, 0], bent[:, 1]).max() < 0.03
 
 
 def test_the_two_faces_of_a_thin_wall_are_not_one() -> None:

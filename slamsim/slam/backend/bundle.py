@@ -105,7 +105,7 @@ def refine(
     begun_at, closures = poses, loose_closures(edges, held)
     for gate_m, doubted_sigmas, steps in ROUNDS:
         shared = share_surfaces(views, poses, gate_m, edges)
-        bundle = _Bundle(moments, shared, (odometry, closures), doubted_sigmas, held)
+        bundle = _Bundle(moments, shared, (odometry, closures), doubted_sigmas, held, begun_at)
         poses = bundle.relax(poses, steps)
     assert bundle is not None
     bundle.check(begun_at, poses)
@@ -122,8 +122,10 @@ class _Bundle:
         measured: tuple[Sequence[GraphEdge], Sequence[GraphEdge]],
         doubted_sigmas: float,
         held: int,
+        begun_at: FloatArray,
     ) -> None:
-        """measured: the odometry, and closures that no shared surfaces stand for."""
+        """measured: the odometry, and closures that no shared surfaces stand for. begun_at: (n, 3)
+        of the views in the graph, where matches tell which wheels slipped."""
         edges, count = [*measured[0], *measured[1]], len(measured[0])
         self._count, self._held, self._doubted_sigmas = count, held, doubted_sigmas
         if len(shared.starts) < 2:
@@ -138,9 +140,9 @@ class _Bundle:
         self._measured = np.array([edge.T_source_target for edge in edges])
         weights = np.array([edge.weight for edge in edges])[:, None, None]
         covariances = edge_covariances(edges)
-        self._believed = np.asarray(weights * np.linalg.inv(covariances), np.float64)
         self._driven = covariances[:count, [0, 1], [0, 1]].sum(axis=1) <= MAX_BEND_M**2
-        self._least = np.where((np.arange(len(edges)) < count)[:, None, None], LEAST_KNOWN, 0.0)
+        believed = np.asarray(weights * np.linalg.inv(covariances), np.float64)
+        self._known = _known(believed, self._edge_errors(begun_at), count)
         self._ends = self._number[np.stack([self._sources, self._targets], axis=1)]
         self._pairs = shared.pairs()
         pairs = np.concatenate([self._number[self._pairs], self._ends])
@@ -171,7 +173,7 @@ class _Bundle:
 
     def information(self, poses: FloatArray) -> SurfaceInformation:
         """What was seen and what was driven, each for itself."""
-        steps = np.asarray(np.linalg.inv(self._believed_edges(poses)[1]), np.float64)
+        steps = np.asarray(np.linalg.inv(self._known), np.float64)
         seen = self._surface_system(poses)
         seen /= DOUBTED_BY_CHANCE
         pairs = np.maximum(self._pairs - (self._held - 1), 0)
@@ -233,8 +235,7 @@ class _Bundle:
         about: no step leads farther than a robot that was carried may be.
         """
         system = self._surface_system(poses)
-        _, information = self._believed_edges(poses)
-        add_edges(self._panels, system, self._ends, self._carry(poses), information)
+        add_edges(self._panels, system, self._ends, self._carry(poses), self._known)
         for unknown in range(self._count):
             add_block(self._panels, system, unknown, unknown, LEAST_KNOWN)
         return system
@@ -259,25 +260,17 @@ class _Bundle:
 
     def _pull(self, poses: FloatArray) -> FloatArray:
         """(n - 1, 3) the right-hand side: where everything wants the poses to go."""
-        error, information = self._believed_edges(poses)
-        pull = np.einsum("mij,mj->mi", information, error)
+        pull = np.einsum("mij,mj->mi", self._known, self._edge_errors(poses))
         right = np.zeros((self._count + 1, 3))
         np.add.at(right, self._ends[:, 0], np.einsum("mji,mj->mi", self._carry(poses), pull))
         np.add.at(right, self._ends[:, 1], -pull)
         pull_to_lines(self._seen(poses), right)
         return right[:-1]
 
-    def _edge_errors(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(m, 3) what the poses add to the edges, as steps of their targets, and (m,) the squared
-        number of standard deviations."""
-        error = between(self._measured, between(poses[self._sources], poses[self._targets]))
-        return error, np.einsum("mi,mij,mj->m", error, self._believed, error)
-
-    def _believed_edges(self, poses: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(m, 3) what the poses add to the edges, and (m, 3, 3) their information, less where it is
-        far off, since wheels slip, but never none of the odometry."""
-        error, chi2 = self._edge_errors(poses)
-        return error, self._believed * _robust(chi2, ODOMETRY_SIGMAS)[:, None, None] + self._least
+    def _edge_errors(self, poses: FloatArray) -> FloatArray:
+        """(m, 3) what the poses add to the edges, as steps of their targets."""
+        there = between(poses[self._sources], poses[self._targets])
+        return np.asarray(between(self._measured, there))
 
     def _cost(self, poses: FloatArray) -> float:
         """Robust cost at given poses, as variances are by now.
@@ -286,10 +279,23 @@ class _Bundle:
         """
         chi2 = self._squares(poses) / self._scaled
         seen = chi2 * np.sqrt(_robust(chi2, self._doubted_sigmas))
-        error, off = self._edge_errors(poses)
-        driven = off * np.sqrt(_robust(off, ODOMETRY_SIGMAS))
-        driven += np.einsum("mi,mij,mj->m", error, self._least, error)
-        return float(seen.sum() + driven.sum())
+        error = self._edge_errors(poses)
+        return float(seen.sum() + np.einsum("mi,mij,mj->", error, self._known, error))
+
+
+def _known(believed: FloatArray, errors: FloatArray, driven: int) -> FloatArray:
+    """(m, 3, 3) information of edges, given what is believed of them, less where they are off by
+    many sigmas at the poses of the graph, since wheels slip, but never none of the first
+    ``driven``, the odometry. errors: (m, 3).
+
+    It stays as it is from there on: weighed anew at each step, the odometry of a long loop would
+    give way in one place, where scans see little, and take up there all that the loop is off by
+    (fr-clinic: 0.75 m between two key frames, where it is wrong by some centimetres).
+    """
+    chi2 = np.einsum("mi,mij,mj->m", errors, believed, errors)
+    known = believed * _robust(chi2, ODOMETRY_SIGMAS)[:, None, None]
+    known[:driven] += LEAST_KNOWN
+    return np.asarray(known)
 
 
 def _robust(chi2: FloatArray, sigmas: float) -> FloatArray:
