@@ -118,15 +118,17 @@ class Plain:
 
 
 @pytest.mark.parametrize(
-    ("rooms", "carried_to"),
+    ("rooms", "near", "carried_to"),
     [
-        ((WIDE, WIDE, WIDE), ()),
-        ((WIDE, DEEP, DEEP), (4,)),  # odometry has the last run where it has the one before
-        ((WIDE, WIDE, DEEP), (9,)),
+        ((WIDE, WIDE, WIDE), True, ()),
+        ((WIDE, DEEP, DEEP), True, (4,)),  # odometry has the last run where it has the one before
+        ((WIDE, WIDE, DEEP), True, (9,)),
+        ((WIDE, DEEP, DEEP), False, ()),  # it has drifted across the map from before
     ],
 )
 def test_a_run_after_one_that_was_carried_to_is_not_held_against_the_map_from_before_both(
     rooms: tuple[tuple[float, float], ...],
+    near: bool,
     carried_to: tuple[int, ...],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -138,7 +140,8 @@ def test_a_run_after_one_that_was_carried_to_is_not_held_against_the_map_from_be
     monkeypatch.setattr(end, "_solution", solution)
     monkeypatch.setattr(end, "_around", lambda k: room(rooms[runs[k]], k, 20.0 * runs[k]))
     monkeypatch.setattr(end._cutter, "keyframes", [Plain()] * count)
-    monkeypatch.setattr(end._cutter, "submaps", [room(rooms[0], 0, 0.0)])
+    before = [room(rooms[0], 0, 0.0)]
+    monkeypatch.setattr(end._search, "within_reach", lambda _: before if near else [])
     monkeypatch.setattr(back_end, "Usual", lambda *_: AsUsual(0.0))
     end._settle()
     assert parts.carried_to == carried_to

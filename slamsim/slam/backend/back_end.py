@@ -349,11 +349,13 @@ class BackEnd:
         """Whether the run that begins here contradicts the map where odometry puts it.
 
         Only that of which the run before tells where it is: once that one was carried to, odometry
-        says nothing of the map from before it.
+        says nothing of the map from before it; and after a kilometre without a loop, that a run
+        lies across what was seen at its start is the drift.
         """
         parts, poses, size = self._solution.parts, self._solution.poses, self._config.submaps
         run = range(begin, parts.end(begin, len(self.keyframes)), EVERY_KEYFRAMES)
-        known = [one for one in self._cutter.submaps if parts.linked(one.last, begin - 1)]
+        near = self._search.within_reach(begin)
+        known = [one for one in near if parts.linked(one.last, begin - 1)]
         return contradicts_what_was_before(self._around, known, poses, size, usual, run)
 
     def _lose_odometry(self, carried_to: Iterable[int]) -> None:

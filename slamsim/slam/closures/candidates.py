@@ -64,6 +64,13 @@ class CandidateIndex:
         within = distance_m <= limits.reach_m + window_m
         return np.flatnonzero(within & (window_m > limits.max_window_m)).tolist()
 
+    def within_reach(self, query: Submap, estimate: Estimate) -> list[int]:
+        """Numbers of the submaps of which the estimate knows well enough where they are that a
+        search near it would find the query in them."""
+        middles_m, _ = self._left_behind(query, estimate, -np.inf)
+        window_m = self._windows_m(query, estimate, np.arange(len(middles_m)), middles_m)
+        return np.flatnonzero(window_m <= self._config.max_window_m).tolist()
+
     def _left_behind(
         self, query: Submap, estimate: Estimate, before_m: float
     ) -> tuple[FloatArray, FloatArray]:
