@@ -210,6 +210,16 @@ def test_whitening_against_a_dense_covariance() -> None:
         assert white[:, k] @ white[:, k] == pytest.approx(expected)
 
 
+def test_no_block_is_empty_where_scans_are_missing() -> None:
+    """Means of nothing made a clock's drift unsure by nan."""
+    steps = Robot(seconds=8.5).steps()
+    begun_s = (steps.first_ns - steps.first_ns[0]) * 1e-9
+    window = replace(steps, window=np.zeros_like(steps.window))
+    parts = list(blocks(window.keep((begun_s < 1.0) | (begun_s > 7.0))))
+    assert len(parts) > 1
+    assert min(part.size for part in parts) > 0
+
+
 def test_the_jackknife_against_leaving_out_and_fitting_again() -> None:
     rng = np.random.default_rng(1)
     design, noise = rng.standard_normal((20, 5, 3)), rng.standard_normal((20, 5))

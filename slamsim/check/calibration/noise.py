@@ -42,7 +42,7 @@ def blocks(steps: LaserSteps) -> Iterator[IntArray]:
         parts = min(max(round(seconds / BLOCK_S), 1), stamps.size)
         share = (stamps - stamps[0]) / max(float(stamps[-1] - stamps[0]), 1.0)
         since = np.minimum((share * parts).astype(np.int64), parts - 1)
-        for part in range(parts):
+        for part in np.unique(since):  # where scans are missing, parts are empty
             yield order[begin:end][since == part]
 
 
