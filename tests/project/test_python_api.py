@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import slamsim
-from slamsim.guard.errors import NotFound
+from slamsim.guard.errors import NotFound, OverrideRefused
 from slamsim.io.open import read_truth
 
 PACKAGE = Path(slamsim.__file__).parent
@@ -104,3 +104,11 @@ def test_the_package_is_a_command() -> None:
         check=True,
     )
     assert done.stdout == f"slamsim {slamsim.__version__}\n"
+
+
+def test_heights_of_clouds_are_refused_as_typed_ones_are(tmp_path: Path) -> None:
+    recording, wrong = tmp_path / "no.mcap", (0.8, 0.1)
+    with pytest.raises(OverrideRefused, match="the lower one first"):
+        slamsim.map(recording, cloud_height=wrong, quiet=True)
+    with pytest.raises(OverrideRefused, match="the lower one first"):
+        slamsim.check_recording(recording, cloud_height=wrong, quiet=True)
