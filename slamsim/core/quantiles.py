@@ -14,7 +14,7 @@ def chi_square(share: float | FloatArray, freedom: float | FloatArray) -> FloatA
 
     share, freedom: numbers or (n,); so is the quantile. nan where there is none.
     """
-    return np.asarray(2.0 * special.gammaincinv(np.asarray(freedom) / 2.0, share))
+    return np.asarray(2.0 * special.gammaincinv(np.asarray(freedom) / 2.0, np.asarray(share)))
 
 
 def student_t(share: float | FloatArray, freedom: float | FloatArray) -> FloatArray:
@@ -22,4 +22,4 @@ def student_t(share: float | FloatArray, freedom: float | FloatArray) -> FloatAr
 
     share, freedom: numbers or (n,); so is the quantile. nan where there is none.
     """
-    return np.asarray(special.stdtrit(freedom, share))
+    return np.asarray(special.stdtrit(np.asarray(freedom), np.asarray(share)))
