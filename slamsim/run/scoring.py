@@ -23,7 +23,7 @@ from slamsim.evaluate.score import Scores, evaluate
 from slamsim.guard.quantities import as_count, as_lengths, as_number
 from slamsim.io.text.relations import Relations
 from slamsim.run.stages import Stages
-from slamsim.slam.mapping.joints import is_elsewhere
+from slamsim.slam.mapping.joints import closures_agree, is_elsewhere
 from slamsim.world.model import World
 
 _log = logging.getLogger(__name__)
@@ -167,7 +167,7 @@ def verdict(result: SlamResult, path_m: float, ate_m: float | None) -> str:
     """
     if path_m < _STILL_M:
         return "The robot did not move: this is what it saw from one place, not a map."
-    doubts = [event for event in result.events if event.kind in _DOUBTFUL]
+    doubts = [event for event in result.events if _is_doubtful(event, result.graph)]
     plain = _outside(doubts, result.graph)
     within_m = positions_95_m(result.graph, plain)
     sure_m = [float(within_m.max()), float(np.median(within_m))] if within_m.size else []
@@ -185,6 +185,16 @@ def verdict(result: SlamResult, path_m: float, ate_m: float | None) -> str:
     if sure_m:
         parts.append(f"every position is sure within {told[-2]} (95 %)")
     return f"A whole map: {'; '.join([*parts, _checked(result)])}."
+
+
+def _is_doubtful(event: Event, graph: PoseGraph) -> bool:
+    """Whether the map needs a look where something happened. Scans that fitted nowhere leave it as
+    it is if loops that pass over them find the robot where it was said to be."""
+    if event.kind == "lost":
+        spell_ns = [event.start_ns, event.end_ns]
+        first, last = np.searchsorted(graph.keyframes.stamps_ns, spell_ns).tolist()
+        return not all(closures_agree(graph, number) for number in range(first, last + 1))
+    return event.kind in _DOUBTFUL
 
 
 def _outside(events: Sequence[Event], graph: PoseGraph) -> BoolArray:

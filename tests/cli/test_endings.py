@@ -20,6 +20,7 @@ from slamsim.cli.common import close_run
 from slamsim.cli.main import app
 from slamsim.config.loading import load_run_config, with_drive_seed
 from slamsim.console.reporter import Reporter
+from slamsim.core.geometry import between
 from slamsim.core.result import Event, GraphEdge
 from slamsim.core.weighing import BY_WEIGHT, all_weighed, by_weight, weighed
 from slamsim.io.text.tum import read_tum
@@ -85,6 +86,25 @@ def test_a_verdict_with_doubts_says_where_to_look_and_how_sure_the_rest_is() -> 
     assert f"the other {rest} % of its path is sure within 49 mm, half of it within 49 mm" in told
     everywhere = Event(stamps_ns[0], stamps_ns[-1], "lost", "lost")
     assert "sure" not in verdict(replace(result, events=(everywhere,)), 10.0, 0.01)
+
+
+def test_scans_that_fitted_nowhere_are_no_doubt_where_a_loop_that_passes_over_them_agrees() -> None:
+    result = example_run().result
+    poses, stamps_ns = result.graph.keyframes.poses, result.graph.keyframes.stamps_ns.tolist()
+    spell = Event(stamps_ns[10] + 1, stamps_ns[14] + 1, "lost", "lost")
+    sure = np.diag([1e-4, 1e-4, 1e-6])
+    chain = [
+        GraphEdge(k - 1, k, between(poses[k - 1], poses[k]), sure, "match")
+        for k in range(1, len(poses))
+    ]
+
+    def told(*loops: tuple[int, int]) -> str:
+        closures = [GraphEdge(a, b, between(poses[a], poses[b]), sure, "closure") for a, b in loops]
+        graph = replace(result.graph, edges=(*chain, *closures))
+        return verdict(replace(result, graph=graph, events=(spell,)), 10.0, 0.01)
+
+    assert "A whole map" in told((10, 15))
+    assert "scans fitted nowhere" in told((11, 20)) and "scans fitted nowhere" in told()
 
 
 def test_how_sure_parts_are_that_nothing_joins_is_told_of_the_first() -> None:
