@@ -75,8 +75,8 @@ def _trajectory(report: Numbers) -> str | None:
     known = [value for key in keys if (value := _number(report, key)) is not None]
     if _number(report, "ate_rmse_m") is None or len(known) < 2:
         return None
-    told = as_lengths(*known)
-    beside = f" (odometry alone {told[2]})" if len(told) > 2 else ""
+    told = as_lengths(*known[:2])
+    beside = f" (odometry alone {as_lengths(known[2])[0]})" if len(known) > 2 else ""
     return f"{told[0]} RMSE, {told[1]} at most{beside}"
 
 

@@ -178,8 +178,8 @@ def verdict(result: SlamResult, path_m: float, ate_m: float | None) -> str:
         if sure_m:
             rest = as_number(100.0 * float(np.mean(plain)), 2)
             parts.append(
-                f"if it holds together there, the other {rest} % of its path is sure within "
-                f"{told[-2]}, half of it within {told[-1]} (95 %)"
+                f"if it holds together there, the rest of its path ({rest} %) is sure within "
+                f"{told[-2]}, half of that within {told[-1]} (95 %)"
             )
         return f"A map with doubts: {'; '.join(parts)}."
     if sure_m:

@@ -142,7 +142,11 @@ def _checked_bag(
     kinds = {file.suffix.lower() for file in files}
     if kinds == {".mcap"}:
         if compressed:
-            raise InputRefused(path, "messages compressed one by one in an MCAP are not read")
+            reason = (
+                "messages compressed one by one in an MCAP are not read; "
+                f"`rosbags-convert --src {path} --dst plain` writes them uncompressed"
+            )
+            raise InputRefused(path, reason)
         found = [sampled_mcap(file) if is_sampled else index_mcap(file) for file in files]
         spans_ns = [index.span_ns for index in found]
         bag = _mcap_bag(path, found)

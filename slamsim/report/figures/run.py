@@ -12,13 +12,14 @@ from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator, NullFormatter
 from matplotlib.transforms import Affine2D
 from numpy.typing import NDArray
 
 from slamsim.core.geometry import compose, inverse, transform_points
 from slamsim.core.types import BoolArray, FloatArray, Grid, IntArray
 from slamsim.evaluate.grid import cell_centres, occupied, wrong_walls
+from slamsim.guard.quantities import as_number
 from slamsim.report.figures.palette import (
     ACCEPTED,
     ESTIMATE,
@@ -46,8 +47,8 @@ _TALLEST = 0.8
 """Height of a map over its width at most, or it would not fit on a screen."""
 _BELOW = 0.06
 _MAX_PATH_POINTS = 3000
-_LEAST_SHOWN = 1e-4
-"""Where a logarithmic axis ends at the latest: a tenth of a millimetre."""
+_LEAST_SHOWN = 1e-5
+"""Where a logarithmic axis ends at the latest: a tenth of the error of a good map."""
 
 STYLE: Any = {
     "svg.fonttype": "none",
@@ -90,7 +91,7 @@ def curve_figure(plot: Panel, view: RunView) -> Picture:
         if plot.logarithmic:
             axes.set_yscale("log", nonpositive="mask")
             axes.set_ylim(bottom=max(axes.get_ylim()[0], _LEAST_SHOWN))
-            axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+            axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: as_number(value)))
             axes.yaxis.set_minor_formatter(NullFormatter())
         axes.grid(color=NEUTRAL, alpha=0.25, linewidth=0.5)
         axes.margins(x=0.0)
@@ -161,6 +162,9 @@ def map_axes(view: RunView, *paths: FloatArray) -> tuple[Figure, Axes]:
     axes.set_aspect("equal")
     axes.set_xlim(low[0], high[0])
     axes.set_ylim(low[1], high[1])
+    ticks_m = MaxNLocator(10, steps=(1, 2, 5, 10)).tick_values(0.0, float((high - low).max()))
+    axes.xaxis.set_major_locator(MultipleLocator(ticks_m[1] - ticks_m[0]))
+    axes.yaxis.set_major_locator(MultipleLocator(ticks_m[1] - ticks_m[0]))
     for spine in axes.spines.values():
         spine.set_visible(False)
     _show_scale(axes, float(high[0] - low[0]))

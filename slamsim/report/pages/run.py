@@ -8,7 +8,7 @@ from pathlib import Path
 from slamsim.core.calibrated import calibrated_interval, calibrated_name
 from slamsim.evaluate.relations import RelationScores, RelationStatistics
 from slamsim.guard.output import write_atomic
-from slamsim.guard.quantities import as_time
+from slamsim.guard.quantities import as_lengths, as_time
 from slamsim.report.figures.on_map import held_figure, obstacle_figure, semantic_figure
 from slamsim.report.figures.run import curve_figure, map_figure, truth_figure
 from slamsim.report.pages.check import verdicts
@@ -65,13 +65,11 @@ def headline(view: RunView) -> str:
     speed = realtime_factors(view)["slam"]
     if speed is not None:
         sentence += f" at {speed:.1f} × real time"
-    ate_m, odometry_m = numbers["ate_rmse_m"], numbers["odometry_ate_rmse_m"]
-    if ate_m is not None:
-        sentence += f". The trajectory is {_metres(ate_m)} off (RMSE)"
-        sentence += f"; odometry alone would be {_metres(odometry_m)} off"
+    if numbers["odometry_ate_rmse_m"] is not None:
+        sentence += f"; odometry alone would be {_length(numbers['odometry_ate_rmse_m'])} off"
     if view.scores.relations is not None:
         met = view.scores.relations.all
-        sentence += f". Verified relations are met to {_metres(met.translation_mean_m)}"
+        sentence += f". Verified relations are met to {_length(met.translation_mean_m)}"
         sentence += f" and {met.rotation_mean_deg:.2f}° on average"
     return sentence + "."
 
@@ -82,16 +80,16 @@ def _verdict(view: RunView) -> list[Card]:
     speeds = realtime_factors(view)
     relations = view.scores.relations
     made = [
-        Card("ATE RMSE", _metres(numbers["ate_rmse_m"]), f"max {_metres(numbers['ate_max_m'])}"),
-        Card("ATE / bound", _times(numbers["ate_over_bound"]), "best possible: 1 ×"),
-        Card("Odometry alone", _metres(numbers["odometry_ate_rmse_m"]), "ATE RMSE"),
+        Card("ATE RMSE", _length(numbers["ate_rmse_m"]), f"max {_length(numbers['ate_max_m'])}"),
+        Card("ATE / bound", _times(numbers["ate_over_bound"]), "best possible: 1\u00a0×"),
+        Card("Odometry alone", _length(numbers["odometry_ate_rmse_m"]), "ATE RMSE"),
         Card("Wall recall", _share(numbers["map_wall_recall"]), "of walls in view, one cell"),
         Card("Wall precision", _share(numbers["map_wall_precision"]), "within one cell"),
         Card("Free-space IoU", _share(numbers["map_free_iou"]), "with the true floor"),
     ]
     if relations is not None:
         rotation = f"{relations.all.rotation_mean_deg:.2f}° · {relations.all.count} relations"
-        made.append(Card("Relations", _metres(relations.all.translation_mean_m), rotation))
+        made.append(Card("Relations", _length(relations.all.translation_mean_m), rotation))
     rejected = f"{view.result.closures_rejected} rejected"
     made.append(Card("Loop closures", str(view.result.closures_accepted), rejected))
     if speeds["slam"] is not None:
@@ -149,13 +147,14 @@ def _trajectory_table(view: RunView) -> str:
     numbers = view.scores.numbers()
     if numbers["ate_rmse_m"] is None:
         return ""
-    rows = [
-        (label, *(_digits(numbers[prefix + key]) for prefix in ("", "odometry_")))
+    compared = [("estimate", ""), ("odometry alone", "odometry_")]
+    lengths = ("ate_rmse_m", "ate_mean_m", "ate_median_m", "ate_max_m")
+    told = [as_lengths(*(numbers[prefix + key] for key in lengths)) for _, prefix in compared]
+    names = ("ATE, RMSE", "ATE, mean", "ATE, median", "ATE, maximum")
+    rows = list(zip(names, *told, strict=True))
+    rows += [
+        (label, *(_digits(numbers[prefix + key]) for _, prefix in compared))
         for label, key in (
-            ("ATE, RMSE [m]", "ate_rmse_m"),
-            ("ATE, mean [m]", "ate_mean_m"),
-            ("ATE, median [m]", "ate_median_m"),
-            ("ATE, maximum [m]", "ate_max_m"),
             ("Heading, RMSE [°]", "ate_rot_rmse_deg"),
             ("Heading, maximum [°]", "ate_rot_max_deg"),
             ("RPE, translation [%]", "rpe_trans_percent"),
@@ -167,7 +166,7 @@ def _trajectory_table(view: RunView) -> str:
         f"{numbers['unevaluated_poses']:,} outside the truth. RPE: mean over all stretches of "
         "1, 2, 5, 10, 20 and 50 m of true path."
     )
-    return table(Table(("", "estimate", "odometry alone"), rows), note)
+    return table(Table(("", *(name for name, _ in compared)), rows), note)
 
 
 def _relations_table(view: RunView) -> str:
@@ -234,13 +233,9 @@ def _reproduce(view: RunView) -> str:
     return made
 
 
-def _metres(value: object) -> str:
-    """A length as a person says it, empty if unknown."""
-    if not isinstance(value, int | float):
-        return ""
-    if abs(value) < 0.01:
-        return f"{value * 1e3:.1f} mm"
-    return f"{value * 1e2:.1f} cm" if abs(value) < 1.0 else f"{value:.2f} m"
+def _length(value: object) -> str:
+    """Empty if unknown."""
+    return as_lengths(value)[0] if isinstance(value, int | float) else ""
 
 
 def _times(value: object) -> str:
