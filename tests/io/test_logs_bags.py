@@ -189,7 +189,7 @@ def test_of_several_echoes_the_first_is_read(tmp_path: Path) -> None:
         path = make(tmp_path / name, [robot.mounting(), *scans])
         log = read_log(path)
         assert "scans from /echoes (the first echo of each beam)" in log.sources
-        np.testing.assert_array_equal(log.scans[0].ranges_m, [1.0, np.inf, 3.0])
+        np.testing.assert_array_equal(next(iter(log.scans)).ranges_m, [1.0, np.inf, 3.0])
         assert [topic.topic for topic in survey_recording(path).topics] == ["/tf_static", "/echoes"]
         read = read_recording(path)
         other = read.with_streams(RawScans, [replace(read.scans[0])])
