@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
@@ -149,7 +150,7 @@ def _trajectory_table(view: RunView) -> str:
         return ""
     compared = [("estimate", ""), ("odometry alone", "odometry_")]
     lengths = ("ate_rmse_m", "ate_mean_m", "ate_median_m", "ate_max_m")
-    told = [as_lengths(*(numbers[prefix + key] for key in lengths)) for _, prefix in compared]
+    told = [_lengths([numbers[prefix + key] for key in lengths]) for _, prefix in compared]
     names = ("ATE, RMSE", "ATE, mean", "ATE, median", "ATE, maximum")
     rows = list(zip(names, *told, strict=True))
     rows += [
@@ -244,6 +245,11 @@ def _times(value: object) -> str:
 
 def _share(value: object) -> str:
     return f"{value * 100:.1f} %" if isinstance(value, int | float) else ""
+
+
+def _lengths(lengths_m: Sequence[float | None]) -> list[str]:
+    known_m = [length_m for length_m in lengths_m if length_m is not None]
+    return as_lengths(*known_m) if len(known_m) == len(lengths_m) else ["–"] * len(lengths_m)
 
 
 def _digits(value: object) -> str:
