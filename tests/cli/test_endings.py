@@ -83,7 +83,8 @@ def test_a_verdict_with_doubts_says_where_to_look_and_how_sure_the_rest_is() -> 
     x_m, y_m = graph.keyframes.poses[14, :2]
     assert f"2 where it may be torn, the longest near ({x_m:.1f}, {y_m:.1f}) m" in told
     rest = f"{100.0 * (count - 12) / count:.2g}"
-    assert f"the other {rest} % of its path is sure within 49 mm, half of it within 49 mm" in told
+    words = f"the rest of its path ({rest} %) is sure within 49 mm, half of that within 49 mm"
+    assert words in told
     everywhere = Event(stamps_ns[0], stamps_ns[-1], "lost", "lost")
     assert "sure" not in verdict(replace(result, events=(everywhere,)), 10.0, 0.01)
 
