@@ -354,7 +354,7 @@ class BackEnd:
         """
         parts, poses, size = self._solution.parts, self._solution.poses, self._config.submaps
         run = range(begin, parts.end(begin, len(self.keyframes)), EVERY_KEYFRAMES)
-        near = self._search.within_reach(begin)
+        near = self._search.within_reach(self._around(begin))
         known = [one for one in near if parts.linked(one.last, begin - 1)]
         return contradicts_what_was_before(self._around, known, poses, size, usual, run)
 

@@ -59,17 +59,24 @@ class CandidateIndex:
         """Numbers of the submaps that the query may overlap with, for all that is known, but where
         a search would have to reach farther than ``max_window_m``."""
         limits = self._config
-        middles_m, distance_m = self._left_behind(query, estimate, before_m)
-        window_m = self._windows_m(query, estimate, np.arange(len(middles_m)), middles_m)
+        window_m, distance_m = self._all_windows_m(query, estimate, before_m)
         within = distance_m <= limits.reach_m + window_m
         return np.flatnonzero(within & (window_m > limits.max_window_m)).tolist()
 
     def within_reach(self, query: Submap, estimate: Estimate) -> list[int]:
         """Numbers of the submaps of which the estimate knows well enough where they are that a
         search near it would find the query in them."""
-        middles_m, _ = self._left_behind(query, estimate, -np.inf)
-        window_m = self._windows_m(query, estimate, np.arange(len(middles_m)), middles_m)
+        window_m, _ = self._all_windows_m(query, estimate, -np.inf)
         return np.flatnonzero(window_m <= self._config.max_window_m).tolist()
+
+    def _all_windows_m(
+        self, query: Submap, estimate: Estimate, before_m: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """(m,) windows of the first m submaps, which were left behind far enough back, and their
+        (m,) distances from the query."""
+        middles_m, distance_m = self._left_behind(query, estimate, before_m)
+        numbers = np.arange(len(middles_m))
+        return self._windows_m(query, estimate, numbers, middles_m), distance_m
 
     def _left_behind(
         self, query: Submap, estimate: Estimate, before_m: float

@@ -98,9 +98,8 @@ class ClosureSearch:
             found += self._look_far(index, before_m)
         return found + self._rejoin(index) if parts.loose else found
 
-    def within_reach(self, index: int) -> list[Submap]:
+    def within_reach(self, query: Submap) -> list[Submap]:
         """The submaps in which a search near the estimate would find a key frame again."""
-        query = self._cutter.query(index, self._config.query_travel_m)
         numbers = self._candidates.within_reach(query, self._solution.estimate)
         return [self._cutter.submaps[number] for number in numbers]
 
