@@ -46,7 +46,7 @@ def test_parts_are_the_components_of_chain_and_closures(
 
 @settings(max_examples=200)
 @given(
-    begins=st.dictionaries(st.integers(1, COUNT - 1), st.sampled_from("ulwc"), max_size=6),
+    begins=st.dictionaries(st.integers(1, COUNT - 1), st.sampled_from("ulwck"), max_size=6),
     one=st.integers(0, COUNT - 1),
     other=st.integers(0, COUNT - 1),
 )
@@ -54,7 +54,7 @@ def test_runs_are_linked_until_something_refutes_it(
     begins: dict[int, str], one: int, other: int
 ) -> None:
     """u: nothing links the run to the one before, l: odometry does, w: and it was right, c: and it
-    was wrong."""
+    was wrong, k: and it is kept, right or wrong."""
     parts = Parts()
     for begin, kind in sorted(begins.items()):
         parts.begin(begin, linked=kind != "u")
@@ -63,13 +63,17 @@ def test_runs_are_linked_until_something_refutes_it(
             parts.withdraw(begin)
         elif kind == "c":
             parts.confirm(begin)
+        elif kind == "k":
+            parts.leave(begin)
     low, high = sorted((one, other))
     between_them = {b: kind for b, kind in begins.items() if low < b <= high}
     kinds = set(between_them.values())
     assert parts.linked(one, other) == (not kinds & {"u", "c"})
-    assert (parts.of(one) == parts.of(other)) == (kinds <= {"w"})
+    assert (parts.of(one) == parts.of(other)) == (kinds <= {"w", "k"})
     assert parts.open_between(one, other) == sorted(b for b, k in between_them.items() if k == "l")
     assert parts.withdrawn == {b for b, kind in begins.items() if kind == "w"}
+    parts.rebuild([])
+    assert (parts.of(one) == parts.of(other)) == (kinds <= {"w", "k"})
 
 
 def test_a_part_is_carried_rigidly_and_the_rest_stays() -> None:

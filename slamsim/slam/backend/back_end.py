@@ -330,19 +330,23 @@ class BackEnd:
     def _settle(self) -> None:
         """Decide of the runs that odometry links and no closure joins, whether they follow on.
 
-        They do unless what was seen on the metres after contradicts what was seen before, or what
-        was seen anywhere on the run contradicts the map where odometry puts it.
+        They do unless what was seen anywhere on the run contradicts the map where odometry puts it:
+        then the robot was carried. If only what was seen on the metres after contradicts what was
+        seen before, it may have been: that is told, and the run stays where odometry has it, on new
+        ground. A slope does the same to scans, and what is set apart is lost to the map.
         """
         parts, count = self._solution.parts, len(self.keyframes)
         undecided = parts.open_between(0, count)
         usual = Usual(self._around, self.keyframes, undecided, self._config.submaps)
         for begin in undecided:
-            if usual.is_carried_to(begin) or self._contradicts_map(begin, usual):
+            if self._contradicts_map(begin, usual):
                 self._solution.loosen(begin)
+            elif usual.is_carried_to(begin):
+                parts.leave(begin)
             else:
                 parts.withdraw(begin)
         self._lose_odometry(parts.carried_to)
-        if not parts.withdrawn.issuperset(undecided):
+        if set(undecided).intersection(parts.carried_to):
             self._solution.solve()
 
     def _contradicts_map(self, begin: int, usual: Usual) -> bool:

@@ -21,6 +21,7 @@ class Parts:
         self._unknown: list[int] = []
         self.withdrawn: set[int] = set()
         """Key frames that began a run to which, as it turned out, the robot was not carried."""
+        self._left: set[int] = set()
 
     def begin(self, keyframe: int, linked: bool = False) -> None:
         """This key frame and those after it belong to a part of their own.
@@ -62,6 +63,13 @@ class Parts:
         self.withdrawn.add(begin)
         self.join(begin - 1, begin)
 
+    def leave(self, begin: int) -> None:
+        """Whether the robot was carried to where this run begins stays unknown: it lies where
+        odometry has it."""
+        self._open.remove(begin)
+        self._left.add(begin)
+        self.join(begin - 1, begin)
+
     def confirm(self, begin: int) -> None:
         """The robot was carried to where this run begins."""
         self._open.remove(begin)
@@ -82,6 +90,7 @@ class Parts:
         if begin not in self._begins:
             self._begins = sorted([*self._begins, begin])
         self.withdrawn.discard(begin)
+        self._left.discard(begin)
         self._open = [other for other in self._open if other != begin]
         if begin not in self._unknown:
             self._unknown.append(begin)
@@ -89,7 +98,7 @@ class Parts:
     def rebuild(self, pairs: Iterable[tuple[int, int]]) -> None:
         """Only these pairs of key frames, and odometry that was not refuted, join runs by now."""
         self._parent = list(range(len(self._begins)))
-        for begin in self.withdrawn:
+        for begin in self.withdrawn | self._left:
             self.join(begin - 1, begin)
         for one, other in pairs:
             self.join(one, other)
