@@ -126,13 +126,21 @@ def metres(pixels: NDArray[Any], unit_m: float) -> Float32Array:
     return np.where(there, in_metres, np.float32(np.nan))
 
 
+def readout_key(raw_topic: str) -> str:
+    """Under which custom data of a recording say how many seconds pass from the exposure of the
+    first row to that of the last, which no message of ROS does. raw_topic: of images, without
+    transport."""
+    return f"readout_s:{raw_topic}"
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraClaim:
     """What a recording says of a camera, right or wrong.
 
     source: the topic or file that says it. K: (3, 3), R: (3, 3), P: (3, 4) as in
     sensor_msgs/CameraInfo. coefficients: (k,) its D. binning: (x, y). roi_px: (left, top, width,
-    height), 0 for the whole. T_body_camera: (4, 4) where the layout has it (EuRoC).
+    height), 0 for the whole. T_body_camera: (4, 4) where the layout has it (EuRoC). readout_s: from
+    the first row to the last, None where nothing tells the shutter.
     """
 
     source: str
@@ -147,6 +155,7 @@ class CameraClaim:
     binning: tuple[int, int] = (1, 1)
     roi_px: tuple[int, int, int, int] = (0, 0, 0, 0)
     T_body_camera: FloatArray | None = None
+    readout_s: float | None = None
 
     @property
     def image_size(self) -> tuple[int, int]:

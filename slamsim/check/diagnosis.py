@@ -30,7 +30,7 @@ LIDAR_QUESTIONS = ("laser.", "ranges.offset")
 
 BY_OTHERS = (
     *("camera.yaw", "camera.x", "camera.y", "camera.depth_scale", "camera.focal"),
-    *("camera.time_offset", "camera.turns"),
+    *("camera.time_offset", "camera.turns", "camera.shutter"),
 )
 """Questions about cameras that are answered by comparing them with other sensors."""
 

@@ -63,6 +63,11 @@ class SensorEntry(StreamConfig, ABC):
         return ()
 
     @property
+    def custom_data(self) -> Mapping[str, str]:
+        """What the recording says of it besides messages."""
+        return {}
+
+    @property
     @abstractmethod
     def topics(self) -> Mapping[str, str]:
         """The ROS type of the messages of each of its topics."""

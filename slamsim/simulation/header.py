@@ -60,6 +60,7 @@ def log_header(robot: RobotModel, config: RunConfig) -> LogHeader:
             "slamsim_version": __version__,
             "seed": str(config.seed),
             "physics": json.dumps(engine_parameters(config.drive.physics)),
+            **{name: value for entry in additional for name, value in entry.custom_data.items()},
         },
     )
 

@@ -54,6 +54,9 @@ def test_images_are_read_with_their_cameras(recording: Path) -> None:
         assert {image.topic for image in cameras.of_kind("colour")} == {colour}
         assert aligned in {image.topic for image in cameras.of_kind("depth")}
         assert cameras.model(colour).width == 32
+        told_s = {topic: claim.readout_s for topic, claim in cameras.infos.items()}
+        assert {topic for topic, known in told_s.items() if known is not None} == {colour}
+        assert told_s[colour] == 0.02
         frames = list(cameras.frames([colour, aligned]))
     assert len(frames) == 20
     assert {frame.pixels.shape for frame in frames} == {(24, 32, 3), (24, 32)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +81,38 @@ def test_stamps_of_images_and_camera_info_move_together(healthy: Path, tmp_path:
     assert infos == [stamp for stamp, _ in after[LEFT]]
 
 
+def test_what_is_told_of_shutters_is_custom_data_of_the_recording(
+    healthy: Path, tmp_path: Path
+) -> None:
+    def told(path: Path) -> dict[str, float | None]:
+        with open_cameras(path) as cameras:
+            return {name: claim.readout_s for name, claim in cameras.infos.items()}
+
+    assert set(told(healthy).values()) == {None}
+    rolling = faulty(healthy, tmp_path / "rolling", "camera_readout", 0.02)
+    assert told(rolling) == {LEFT: 0.02, RIGHT: 0.02, DEPTH: None}
+    assert told(next(rolling.glob("*.mcap"))) == told(rolling)
+    still = faulty(rolling, tmp_path / "still", "camera_readout", -0.03)
+    assert told(still) == {LEFT: 0.0, RIGHT: 0.0, DEPTH: None}
+    with pytest.raises(SlamsimError, match="no camera that its shutter rolls"):
+        faulty(still, tmp_path / "again", "camera_readout", -0.03)
+
+
+def test_a_readout_that_is_no_time_is_told_and_nothing_is_refused(
+    healthy: Path, tmp_path: Path
+) -> None:
+    made = faulty(healthy, tmp_path, "camera_readout", 0.02)
+    path = tmp_path / "copied out"
+    path.mkdir()
+    for file in (made / "metadata.yaml", *made.glob("*.mcap")):
+        shutil.copy(file, path)
+    text = (path / "metadata.yaml").read_text()
+    (path / "metadata.yaml").write_text(text.replace("left/image_raw: '0.02'", "left/image_raw: x"))
+    read = read_with_cameras(path)
+    assert [each.claim.readout_s for each in read.cameras if each.claim] == [None, None, 0.02]
+    assert any("readout_s:/cam/left/image_raw are 'x'" in each for each in read.anomalies)
+
+
 def test_stereo_images_are_exchanged_with_their_frames(healthy: Path, tmp_path: Path) -> None:
     path = faulty(healthy, tmp_path, "stereo_swapped")
     before, after = images(healthy), images(path)
@@ -108,6 +141,7 @@ TOLD = {
     "camera_flicker": "camera_flicker",
     "stereo_swapped": "camera_stereo_swapped",
     "camera_damaged": "camera_damaged",
+    "camera_readout": None,
 }
 """Of a camera beside an odometry alone: delays and places need a lidar or a gyroscope."""
 SIZES = {"camera_frozen": 0.6, "depth_late": 0.023}

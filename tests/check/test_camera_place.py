@@ -16,13 +16,16 @@ from slamsim.cameras.lens import pinhole
 from slamsim.cameras.survey import CameraSurvey
 from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.motion.depth_slices import NAMES, SliceFit, fit_slices
+from slamsim.check.motion.image_leans import seen_leans
 from slamsim.check.motion.image_turns import TurnFit, fit_turns, seen_turns
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.questions.cameras.colours import likeness
 from slamsim.check.questions.cameras.depth import check_unit
+from slamsim.check.questions.cameras.shutter import check_shutter
 from slamsim.core.geometry import matrix_from_rpy, se3_from_parts, xyzw_from_yaw
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawOdometry, RawScans, Recording, ScanLayout
+from slamsim.recording.repairs.apply import apply_repairs
 
 R_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 ROOM_M = np.array([[-2.0, 3.5], [-1.5, 2.5]])
@@ -212,9 +215,11 @@ def turned(t: FloatArray) -> FloatArray:
 
 
 def panorama() -> NDArray[np.float64]:
-    """(rows, 2000): smooth noise all around."""
+    """(rows, 2000): smooth noise and upright bars all around."""
     rng = np.random.default_rng(5)
-    return np.asarray(zoom(rng.uniform(20.0, 230.0, (15, 250)), (6, 8), order=1))
+    smooth = zoom(rng.uniform(20.0, 130.0, (15, 250)), (6, 8), order=1)
+    bars = zoom(np.repeat(rng.uniform(0.0, 100.0, (1, 40)), 90, axis=0), (1, 50), order=0)
+    return np.asarray(smooth + bars)
 
 
 @cache
@@ -238,7 +243,9 @@ def turn_fit(camera: CameraSurvey) -> TurnFit | None:
     stamps_ns = np.arange(0, 22 * 10**9, 10_000_000, dtype=np.int64)
     totals = turned(np.asarray(stamps_ns * 1e-9, dtype=np.float64))[:, None]
     gyro = IntegratedMotion("/imu", stamps_ns, totals, np.array([1e-5]))
-    return fit_turns(seen_turns(camera, camera.claim.model(), R_OPTICAL), gyro)
+    model = camera.claim.model()
+    leans = seen_leans(camera, model, R_OPTICAL)
+    return fit_turns(seen_turns(camera, model, R_OPTICAL), leans, gyro)
 
 
 @pytest.mark.parametrize(
@@ -248,9 +255,62 @@ def turn_fit(camera: CameraSurvey) -> TurnFit | None:
 def test_turns_of_images_tell_delay_and_readout(delay_s: float, readout_s: float) -> None:
     found = turn_fit(turning_images(delay_s, readout_s, 1.0))
     assert found is not None
+    assert found.readout_s is not None
     assert found.delay_s[0] == pytest.approx(delay_s, abs=3e-3)
-    assert found.readout_s[0] == pytest.approx(readout_s, abs=6e-3)
+    assert found.readout_s[0] == pytest.approx(readout_s, abs=2e-3)
+    assert found.readout_s[1] < 2e-3
     assert found.gain[0] == pytest.approx(0.0, abs=0.02)
+
+
+def turning_recording(camera: CameraSurvey) -> Recording:
+    """With the odometry of the same turns."""
+    stamps_ns = np.arange(0, 22 * 10**9, 20_000_000, dtype=np.int64)
+    yaw, none = turned(stamps_ns * 1e-9), np.zeros((stamps_ns.size, 3))
+    odometry = RawOdometry(
+        *("/odom", ("odom",), stamps_ns, None, ("base_link",)),
+        *(none, xyzw_from_yaw(yaw), none, none),
+    )
+    return Recording("turns", "memory", streams=(odometry,), cameras=(camera,))
+
+
+@pytest.mark.parametrize(
+    ("readout_s", "told_s", "verdict"),
+    [
+        (0.0, None, "ok"),
+        (0.03, 0.03, "ok"),
+        (0.03, None, "fault"),
+        (0.03, 0.0, "fault"),
+        (0.0, 0.03, "fault"),
+        (-0.03, None, "fault"),
+    ],
+)
+def test_a_shutter_that_rolls_otherwise_than_told_is_a_fault(
+    readout_s: float, told_s: float | None, verdict: str
+) -> None:
+    """By the odometry alone; a negative readout is that of a camera on its head."""
+    camera = turning_images(0.0, readout_s, 1.0)
+    assert camera.claim is not None
+    camera = replace(camera, claim=replace(camera.claim, readout_s=told_s))
+    (found,) = check_shutter(RecordingEvidence(turning_recording(camera)))
+    assert found.verdict == verdict, found
+    assert found.estimate is not None
+    assert found.estimate.value == pytest.approx(1e3 * (readout_s - (told_s or 0.0)), abs=3.0)
+    if verdict == "fault":
+        assert found.fault == "camera_rolling_shutter"
+        fixed = apply_repairs(turning_recording(camera), found.repairs)
+        (again,) = check_shutter(RecordingEvidence(fixed))
+        assert again.verdict == "ok", again
+
+
+def test_a_camera_on_its_side_shows_nothing_of_its_shutter() -> None:
+    """What is upright runs along its rows, each of which is of one instant."""
+    camera = turning_images(0.0, 0.03, 1.0)
+    assert camera.claim is not None
+    on_its_side = np.rot90(camera.thumbnails, axes=(1, 2)).copy()
+    R_turned = R_OPTICAL @ matrix_from_rpy(0.0, 0.0, np.pi / 2.0)
+    seen = replace(camera, thumbnails=on_its_side)
+    model = replace(camera.claim.model(), width=90, height=160)
+    assert seen_leans(seen, model, R_turned).leans_rad.size < 0.05 * len(camera)
 
 
 def test_a_longer_focal_length_makes_turns_small() -> None:

@@ -342,6 +342,15 @@ PAIRS: Pairs = [
         [Repair("scale_focal", topic, {"factor": 1.0 / 1.1}) for topic, _ in CAMERAS],
     ),
     (
+        "camera_readout",
+        0.03,
+        [
+            Repair("set_readout", topic, {"readout_s": 0.01})
+            for topic, kind in CAMERAS
+            if kind != "depth"
+        ],
+    ),
+    (
         "camera_info_size",
         2.0,
         [Repair("set_camera_size", topic) for topic, _ in CAMERAS],

@@ -143,7 +143,8 @@ def _images(topic: str, kind: Literal["colour", "grey", "depth"]) -> CameraSurve
     """What is looked at of images of 40 x 30 pixels, all of them decoded."""
     rng = np.random.default_rng(len(topic))
     K = np.array([[40.0, 0.0, 19.5], [0.0, 40.0, 14.5], [0.0, 0.0, 1.0]])
-    claim = CameraClaim(f"topic {topic}", "camera_link", 40, 30, "plumb_bob", np.zeros(5), K)
+    about = f"topic {topic}", "camera_link", 40, 30, "plumb_bob", np.zeros(5), K
+    claim = CameraClaim(*about, readout_s=0.01)
     numbers = np.arange(IMAGES)
     stamps_ns = 200_000_000 * numbers
     return CameraSurvey(
@@ -266,6 +267,7 @@ def test_every_message_of_a_numbered_recording_keeps_its_number(name: str) -> No
         ("urdf_inertia", {"robot_description"}),
         ("camera_late", {"cameras.stamps_ns"}),
         ("camera_info_focal", {"cameras.claim.K"}),
+        ("camera_readout", {"cameras.claim.readout_s"}),
         ("camera_turned", {"transforms.quats_xyzw", "transforms.positions_m"}),
         ("depth_scale", {"cameras.depths_m", "cameras.grids_m", "cameras.changes.factor"}),
         ("tf_unknown_frame", {"scans.frame_ids"}),

@@ -7,7 +7,7 @@ far its depths and its focal length are off, and how late its stamps are.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -24,6 +24,8 @@ _MOST_IMAGES = 150
 _ROUNDS = 25
 _GATES_M = (0.5, 0.3, 0.2)
 """How far apart a point and its surface may be, round by round."""
+_FEWEST_OF_SCAN = 10
+"""Points on surfaces."""
 _STEP = 0.05
 """Of the depth: rows farther apart see two surfaces."""
 _GAP_M, _BENT_M = 0.25, 0.02
@@ -84,11 +86,13 @@ def fit_slices(
     path = _path(recording)
     if path is None or not len(scans):
         return None
-    given = model, scans, T_base_camera, T_base_laser, path
-    late_ns = _coarse_ns(depth, *given)
+    place = T_base_camera, float(T_base_laser[2, 3])
+    placed = _PlacedScans(scans, T_base_laser, path)
+    few = depth.selected(depth.sampled[:: max(depth.sampled.size // _FEW_IMAGES, 1)])
+    late_ns = _coarse_ns(_crossings(few, model, *place), placed)
+    crossings = _crossings(depth, model, *place)
     for _ in range(_SHIFTS):
-        on_time = replace(depth, stamps_ns=depth.stamps_ns - late_ns)
-        slices = list(_slices(on_time, *given))
+        slices = list(_slices(crossings, placed, late_ns))
         found = _fitted(slices) if len(slices) >= FEWEST_IMAGES else None
         if found is None:
             return None
@@ -100,23 +104,14 @@ def fit_slices(
     return found
 
 
-def _coarse_ns(
-    depth: CameraSurvey,
-    model: CameraModel,
-    scans: RawScans,
-    T_base_camera: FloatArray,
-    T_base_laser: FloatArray,
-    path: tuple[IntArray, FloatArray],
-) -> int:
+def _coarse_ns(few: list[_Crossing], placed: _PlacedScans) -> int:
     """The delay of some with which a few images lie best on the scans, ns; none where that is
     hardly better."""
-    few = depth.selected(depth.sampled[:: max(depth.sampled.size // _FEW_IMAGES, 1)])
     apart_m = {}
     for late_ns in _DELAYS_NS:
-        on_time = replace(few, stamps_ns=few.stamps_ns - late_ns)
         each = [
             np.minimum(cKDTree(one.surfaces_m).query(one.points_m)[0], _GATES_M[0]).mean()
-            for one in _slices(on_time, model, scans, T_base_camera, T_base_laser, path)
+            for one in _slices(few, placed, late_ns)
         ]
         apart_m[late_ns] = float(np.mean(each)) if each else np.inf
     best = min(apart_m, key=lambda late_ns: apart_m[late_ns])
@@ -133,32 +128,32 @@ def _path(recording: Recording) -> tuple[IntArray, FloatArray] | None:
     return None
 
 
-def _slices(
-    depth: CameraSurvey,
-    model: CameraModel,
-    scans: RawScans,
-    T_base_camera: FloatArray,
-    T_base_laser: FloatArray,
-    path: tuple[IntArray, FloatArray],
-) -> Iterator[_Slice]:
+_Crossing = tuple[int, FloatArray, FloatArray, FloatArray, FloatArray]
+"""The stamp of an image in ns, and what ``_seen`` gives of it."""
+
+
+def _crossings(
+    depth: CameraSurvey, model: CameraModel, T_base_camera: FloatArray, height_m: float
+) -> list[_Crossing]:
+    """Of images that are new, evenly chosen, as far as they see surfaces at the lidar's height."""
     new = np.flatnonzero(depth.is_new)
     chosen = new[:: max(-(-new.size // _MOST_IMAGES), 1)]
     rays = _grid_rays(depth, model)
-    order = np.argsort(scans.stamps_ns)
-    scan_ns = scans.stamps_ns[order]
+    found = []
     for look in chosen.tolist():
-        at_ns = int(depth.stamps_ns[depth.sampled[look]])
-        if not path[0][0] < at_ns < path[0][-1]:
-            continue
-        near = int(np.clip(np.searchsorted(scan_ns, at_ns), 1, max(scan_ns.size - 1, 1)))
-        pair = order[[near - 1, min(near, scan_ns.size - 1)]]
-        scan = int(pair[np.argmin(np.abs(scans.stamps_ns[pair] - at_ns))])
-        if abs(int(scans.stamps_ns[scan]) - at_ns) > 200_000_000:
-            continue
-        surfaces = _surfaces(scans, scan, T_base_laser, path, at_ns)
-        seen = _seen(depth.grids_m[look], rays, T_base_camera, float(T_base_laser[2, 3]))
-        if seen is not None and len(surfaces[0]) > 10:
-            yield _Slice(*seen, *surfaces, _motion(path, at_ns))
+        seen = _seen(depth.grids_m[look], rays, T_base_camera, height_m)
+        if seen is not None:
+            found.append((int(depth.stamps_ns[depth.sampled[look]]), *seen))
+    return found
+
+
+def _slices(crossings: list[_Crossing], placed: _PlacedScans, late_ns: int) -> Iterator[_Slice]:
+    """late_ns: by which stamps of images are later."""
+    for stamp_ns, *seen in crossings:
+        at_ns = stamp_ns - late_ns
+        surfaces = placed.at(at_ns)
+        if surfaces is not None:
+            yield _Slice(*seen, *surfaces, _motion(placed.path, at_ns))
 
 
 def _grid_rays(depth: CameraSurvey, model: CameraModel) -> FloatArray:
@@ -192,40 +187,66 @@ def _seen(
     return points @ R.T + origin, beside, origin, points[:, 2]
 
 
-def _surfaces(
-    scans: RawScans,
-    scan: int,
-    T_base_laser: FloatArray,
-    path: tuple[IntArray, FloatArray],
-    at_ns: int,
-) -> tuple[FloatArray, FloatArray]:
-    """Points of a scan and their normals, in the base at an instant."""
-    layout = scans.layout(scan)
-    ranges = np.asarray(scans.ranges_m[scan], dtype=np.float64)
-    beams = np.arange(ranges.size)
-    angles = layout.angle_min_rad + beams * layout.angle_step_rad
-    there = np.isfinite(ranges) & (ranges > layout.range_min_m) & (ranges < layout.range_max_m)
-    ranges = np.where(there, ranges, np.nan)
-    in_laser = np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles), 0.0 * ranges])
-    in_base = (in_laser @ T_base_laser[:3, :3].T + T_base_laser[:3, 3])[:, :2]
-    beam_ns = scans.stamps_ns[scan] + np.rint(1e9 * layout.beam_dt_s * beams).astype(np.int64)
-    points = _between(track_at(*path, beam_ns), track_at(*path, np.array([at_ns]))[0], in_base)
-    along = points[2:] - points[:-2]
-    gap = np.hypot(*along.T)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        normals = np.column_stack([-along[:, 1], along[:, 0]]) / gap[:, None]
-        bent = np.abs(((points[1:-1] - points[:-2]) * normals).sum(axis=1))
-        is_surface = (gap < 2.0 * _GAP_M) & (bent < _BENT_M)
-    return points[1:-1][is_surface], normals[is_surface]
+class _PlacedScans:
+    """Surfaces of scans as they lie along the path, each worked out once.
 
+    path: stamps (n,) and poses (n, 3). T_base_laser: (4, 4).
+    """
 
-def _between(then: FloatArray, now: FloatArray, in_base: FloatArray) -> FloatArray:
-    """(n, 2) points in the base as it stood at (n, 3) poses, in the base as it stands now."""
-    cos, sin = np.cos(then[:, 2]), np.sin(then[:, 2])
-    x = then[:, 0] + cos * in_base[:, 0] - sin * in_base[:, 1] - now[0]
-    y = then[:, 1] + sin * in_base[:, 0] + cos * in_base[:, 1] - now[1]
-    cos_now, sin_now = np.cos(now[2]), np.sin(now[2])
-    return np.column_stack([cos_now * x + sin_now * y, cos_now * y - sin_now * x])
+    def __init__(
+        self, scans: RawScans, T_base_laser: FloatArray, path: tuple[IntArray, FloatArray]
+    ) -> None:
+        self.path = path
+        self._scans, self._T_base_laser = scans, T_base_laser
+        self._order = np.argsort(scans.stamps_ns)
+        self._sorted_ns = scans.stamps_ns[self._order]
+        self._known: dict[int, tuple[FloatArray, FloatArray]] = {}
+
+    def at(self, at_ns: int) -> tuple[FloatArray, FloatArray] | None:
+        """Points (n, 2) and normals (n, 2) of the nearest scan in the base at an instant; None
+        where the path does not reach, no scan is near or it shows hardly a surface."""
+        if not self.path[0][0] < at_ns < self.path[0][-1]:
+            return None
+        after = int(
+            np.clip(np.searchsorted(self._sorted_ns, at_ns), 1, max(len(self._order) - 1, 1))
+        )
+        pair = self._order[[after - 1, min(after, len(self._order) - 1)]]
+        scan = int(pair[np.argmin(np.abs(self._scans.stamps_ns[pair] - at_ns))])
+        if abs(int(self._scans.stamps_ns[scan]) - at_ns) > 200_000_000:
+            return None
+        if scan not in self._known:
+            self._known[scan] = self._surfaces(scan)
+        points, normals = self._known[scan]
+        if len(points) <= _FEWEST_OF_SCAN:
+            return None
+        x_m, y_m, yaw = track_at(*self.path, np.array([at_ns]))[0].tolist()
+        R_path_base = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+        return (points - [x_m, y_m]) @ R_path_base, normals @ R_path_base
+
+    def _surfaces(self, scan: int) -> tuple[FloatArray, FloatArray]:
+        """Points and normals in the frame of the path, each beam from the pose of its instant."""
+        layout = self._scans.layout(scan)
+        ranges = np.asarray(self._scans.ranges_m[scan], dtype=np.float64)
+        beams = np.arange(ranges.size)
+        angles = layout.angle_min_rad + beams * layout.angle_step_rad
+        there = np.isfinite(ranges) & (ranges > layout.range_min_m) & (ranges < layout.range_max_m)
+        ranges = np.where(there, ranges, np.nan)
+        in_laser = np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles), 0.0 * ranges])
+        T = self._T_base_laser
+        x_m, y_m = (in_laser @ T[:3, :3].T + T[:3, 3])[:, :2].T
+        beam_ns = self._scans.stamps_ns[scan] + np.rint(1e9 * layout.beam_dt_s * beams).astype(
+            np.int64
+        )
+        then = track_at(*self.path, beam_ns)
+        cos, sin = np.cos(then[:, 2]), np.sin(then[:, 2])
+        points = then[:, :2] + np.column_stack([cos * x_m - sin * y_m, sin * x_m + cos * y_m])
+        along = points[2:] - points[:-2]
+        gap = np.hypot(*along.T)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            normals = np.column_stack([-along[:, 1], along[:, 0]]) / gap[:, None]
+            bent = np.abs(((points[1:-1] - points[:-2]) * normals).sum(axis=1))
+            is_surface = (gap < 2.0 * _GAP_M) & (bent < _BENT_M)
+        return points[1:-1][is_surface], normals[is_surface]
 
 
 def _motion(path: tuple[IntArray, FloatArray], at_ns: int) -> FloatArray:

@@ -2,7 +2,8 @@
 
 Features are tracked from image to image (Lucas & Kanade 1981). A turn of the robot moves all of
 them by the same angle about its vertical, whatever their distance; what is driven moves those at
-the sides. Parts of an image farther down are exposed later where the shutter rolls.
+the sides. Parts of an image farther down are exposed later where the shutter rolls: how much later
+is told by what leans in turns (``image_leans``).
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from slamsim.cameras.lens import CameraModel
 from slamsim.cameras.survey import CameraSurvey
+from slamsim.check.motion.image_leans import SeenLeans, fit_readout
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.core.geometry import wrap_angle
 from slamsim.core.types import BoolArray, FloatArray, IntArray
@@ -31,7 +33,8 @@ _WIDEST_S = 0.25
 _SEARCHED_S, _SEARCH_STEP_S = 1.0, 0.01
 _TUKEY = 4.0
 _READOUT_S, _READOUT_SIGMA_S = 0.015, 0.015
-"""From the first row to the last: a global shutter, or most of a period at 30 images a second."""
+"""From the first row to the last, before leans are looked at: a global shutter, or most of a period
+at 30 images a second."""
 _ROUNDS = 12
 
 
@@ -54,11 +57,13 @@ class SeenTurns:
 class TurnFit:
     """delay_s: stamps less the instants of the first row, by the clock of the other stream.
     gain: turns as seen over turns as the other tells, less one. readout_s: from the first row to
-    the last, by itself. Each (value, sigma)."""
+    the last, None where leans do not tell. Each (value, sigma). turns_rad_s: (n,) how fast the
+    robot turned at the images whose leans were seen."""
 
     delay_s: tuple[float, float]
     gain: tuple[float, float]
-    readout_s: tuple[float, float]
+    readout_s: tuple[float, float] | None
+    turns_rad_s: FloatArray
     pairs: int
 
 
@@ -142,7 +147,7 @@ def _robust(A: FloatArray, b: FloatArray) -> tuple[FloatArray, BoolArray]:
     return values, weight > 0.01
 
 
-def fit_turns(seen: SeenTurns, other: IntegratedMotion) -> TurnFit | None:
+def fit_turns(seen: SeenTurns, leans: SeenLeans, other: IntegratedMotion) -> TurnFit | None:
     """None where too few images turn."""
     column = other.totals.shape[1] - 1
     first_s = 1e-9 * (seen.first_ns - other.origin_ns).astype(np.float64)
@@ -153,6 +158,7 @@ def fit_turns(seen: SeenTurns, other: IntegratedMotion) -> TurnFit | None:
         column,
         *(first_s[covered], second_s[covered], seen.turned_rad[covered]),
         *(seen.rows[covered], seen.pair[covered]),
+        *_covered(leans, other),
     )
     if np.unique(table.pair).size < FEWEST_PAIRS:
         return None
@@ -161,9 +167,25 @@ def fit_turns(seen: SeenTurns, other: IntegratedMotion) -> TurnFit | None:
     return table.fitted()
 
 
+def _covered(leans: SeenLeans, other: IntegratedMotion) -> tuple[FloatArray, FloatArray]:
+    """(n,) times by the other stream, where it has no gap, and leans."""
+    times_s = 1e-9 * (leans.stamps_ns - other.origin_ns).astype(np.float64)
+    covered = other.covers(times_s - _SEARCHED_S, times_s + _SEARCHED_S)
+    return times_s[covered], leans.leans_rad[covered]
+
+
+def _believed(readout_s: tuple[float, float] | None) -> tuple[float, float]:
+    """(value, sigma) with what any shutter has."""
+    if readout_s is None:
+        return _READOUT_S, _READOUT_SIGMA_S
+    weights = np.array([1.0 / readout_s[1] ** 2, 1.0 / _READOUT_SIGMA_S**2])
+    value = weights @ [readout_s[0], _READOUT_S] / weights.sum()
+    return float(value), float(1.0 / np.sqrt(weights.sum()))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Table:
-    """Seen turns in the time of the other stream."""
+    """Seen turns and leans in the time of the other stream."""
 
     other: IntegratedMotion
     column: int
@@ -172,29 +194,40 @@ class _Table:
     turned_rad: FloatArray
     rows: FloatArray
     pair: IntArray
+    leant_s: FloatArray
+    leans_rad: FloatArray
 
     def fitted(self) -> TurnFit | None:
         values = np.array([self._coarse_s(), 0.0, 0.0, _READOUT_S])
         for _ in range(_ROUNDS):
+            readout = self._readout(values)
+            believed_s, sigma_s = _believed(readout)
             A, apart, weight = self._equations(values)
             by = A * weight[:, None]
             H, g = by.T @ A, by.T @ apart
-            prior = np.square(self._scale(apart) / _READOUT_SIGMA_S)
+            prior = np.square(self._scale(apart) / sigma_s)
             H[3, 3] += prior
-            g[3] += prior * (_READOUT_S - values[3])
+            g[3] += prior * (believed_s - values[3])
             values = values + np.linalg.lstsq(H, g, rcond=1e-12)[0]
         if abs(values[0]) > _SEARCHED_S or not weight.any():
             return None
-        sigmas = np.sqrt(np.diag(self._covariance(A, apart * weight, H)))
-        alone = 1.0 / max(1.0 / sigmas[3] ** 2 - 1.0 / _READOUT_SIGMA_S**2, 1e-9)
-        share = min(sigmas[3] ** 2 / _READOUT_SIGMA_S**2, 0.99)
-        readout = (values[3] - share * _READOUT_S) / (1.0 - share)
+        sigmas = np.sqrt(np.diag(self._covariance(A, apart * weight, H, sigma_s)))
         return TurnFit(
             (float(values[0]), float(sigmas[0])),
             (float(values[1]), float(sigmas[1])),
-            (float(readout), float(np.sqrt(alone))),
+            readout,
+            self._rate(self._leant_at(values)),
             int(np.unique(self.pair).size),
         )
+
+    def _readout(self, values: FloatArray) -> tuple[float, float] | None:
+        """By leans, with what is known of the delay."""
+        at_s = self._leant_at(values)
+        return fit_readout(self.leans_rad, at_s, self._rate(at_s))
+
+    def _leant_at(self, values: FloatArray) -> FloatArray:
+        """(n,) when the middle rows were exposed."""
+        return self.leant_s - values[0] + 0.5 * values[3]
 
     def _equations(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """(n, 4) of delay, gain, bias and readout, (n,) what is unexplained, (n,) weights."""
@@ -213,14 +246,16 @@ class _Table:
     def _scale(apart: FloatArray) -> float:
         return max(1.4826 * float(np.median(np.abs(apart))), 1e-5)
 
-    def _covariance(self, A: FloatArray, weighed: FloatArray, H: FloatArray) -> FloatArray:
-        """(4, 4) by pairs (sandwich), at least what the prior leaves."""
+    def _covariance(
+        self, A: FloatArray, weighed: FloatArray, H: FloatArray, sigma_s: float
+    ) -> FloatArray:
+        """(4, 4) by pairs (sandwich), with what is known of the readout."""
         _, place = np.unique(self.pair, return_inverse=True)
         by_pair = np.zeros((int(place.max()) + 1, 4))
         np.add.at(by_pair, place, A * weighed[:, None])
         inverse = np.linalg.pinv(H, rcond=1e-12)
         found = inverse @ (by_pair.T @ by_pair) @ inverse
-        prior = inverse[:, 3:] * self._scale(weighed) ** 2 / _READOUT_SIGMA_S
+        prior = inverse[:, 3:] * self._scale(weighed) ** 2 / sigma_s
         return np.asarray(found + prior @ prior.T)
 
     def _coarse_s(self) -> float:

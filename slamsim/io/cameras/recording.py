@@ -12,8 +12,16 @@ from slamsim.guard.errors import InputRefused
 from slamsim.io.cameras.base import MOST_TRIED, Cameras, CameraTopic
 from slamsim.io.formats import Truth
 from slamsim.io.input_errors import as_input_errors
-from slamsim.io.ros.bag import Bag, open_bag
-from slamsim.io.ros.images import INFO, PACKED, RAW, claim_of, frame_of, info_topic
+from slamsim.io.ros.bag import Bag, custom_data, open_bag
+from slamsim.io.ros.images import (
+    INFO,
+    PACKED,
+    RAW,
+    claim_of,
+    frame_of,
+    info_topic,
+    told_readout,
+)
 from slamsim.io.ros.reader import is_truth
 from slamsim.io.ros.sources import Channel
 
@@ -29,7 +37,10 @@ class RecordedCameras(Cameras):
         try:
             images, infos = _wanted(self._bag, truth, RAW, PACKED), _wanted(self._bag, truth, INFO)
             look = _FirstLook(self._bag, (*images, *infos))
-            super().__init__(path, look.topics, _by_image(look.topics, look.claims), look.unread)
+            infos = _by_image(look.topics, look.claims)
+            unread = dict(look.unread)
+            shutters = _with_shutters(infos, custom_data(self._bag), unread)
+            super().__init__(path, look.topics, shutters, unread)
         except BaseException:
             self._bag.__exit__()
             raise
@@ -111,6 +122,20 @@ def _about(channel: Channel, frame: EncodedFrame) -> CameraTopic:
     height, width = pixels.shape[:2]
     told = frame.encoding, frame.frame_id
     return CameraTopic(channel.topic, kind, channel.messages, width, height, *told)
+
+
+def _with_shutters(
+    infos: Mapping[str, CameraClaim], custom: Mapping[str, str], unread: dict[str, str]
+) -> dict[str, CameraClaim]:
+    """By the topic of images, with what the recording says of their shutters; unread: gets what it
+    says in vain, by the topic of CameraInfo."""
+    found = dict(infos)
+    for topic, claim in infos.items():
+        try:
+            found[topic] = replace(claim, readout_s=told_readout(custom, topic))
+        except ValueError as error:
+            unread[claim.source.removeprefix("topic ")] = str(error)
+    return found
 
 
 def _by_image(

@@ -13,12 +13,12 @@ from slamsim.cameras.changes import CutShort, PixelChange
 from slamsim.cameras.codecs.depth import decode_compressed_depth, encode_compressed_depth
 from slamsim.cameras.codecs.pictures import decode_picture, encode_jpeg, encode_png
 from slamsim.cameras.codecs.raw import encoding_of
-from slamsim.cameras.frames import CameraClaim
+from slamsim.cameras.frames import CameraClaim, readout_key
 from slamsim.cameras.survey import CameraSurvey
 from slamsim.core.types import IntArray
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.pictures import JPEG_MAGIC
-from slamsim.io.ros.images import stamp_of
+from slamsim.io.ros.images import stamp_of, without_transport
 from slamsim.recording import Origin, Recording
 from slamsim.recording.schemas import Schema
 
@@ -148,6 +148,18 @@ def _set_claim(message: Any, claim: CameraClaim) -> None:
     for name, values in numbers.items():
         known = name if hasattr(message, name) else name.upper()  # ROS 1 has capitals
         setattr(message, known, np.array(values, dtype=np.float64).ravel())
+
+
+def told_shutters(read: Recording, edited: Recording) -> dict[str, str]:
+    """Custom data that say otherwise how long shutters take."""
+    before = {camera.topic: camera.claim for camera in read.cameras}
+    found = {}
+    for camera in edited.cameras:
+        known, claim = before.get(camera.topic), camera.claim
+        if known is None or claim is None or claim.readout_s in (None, known.readout_s):
+            continue
+        found[readout_key(without_transport(camera.topic))] = f"{claim.readout_s:.7g}"
+    return found
 
 
 def info_changes(read: Recording, edited: Recording) -> dict[str, InfoChange]:

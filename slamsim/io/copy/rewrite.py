@@ -8,11 +8,13 @@ is encoded again: fields that a ``Recording`` does not hold, such as covariances
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+
+from mcap import records
 
 from slamsim.core.types import IntArray
 from slamsim.guard.errors import SlamsimError
@@ -28,11 +30,11 @@ from slamsim.io.copy.changes import (
     plans,
     transform_messages,
 )
-from slamsim.io.copy.images import InfoChange, info_changes
+from slamsim.io.copy.images import InfoChange, info_changes, told_shutters
 from slamsim.io.copy.shared_clocks import StampMap, header_topics, stamp_maps, stamp_of, with_stamp
 from slamsim.io.copy.writers import Bag1Copy, Bag2Copy, Copy, Message, Spool
 from slamsim.io.input_errors import as_input_errors
-from slamsim.io.ros.bag import Bag, open_bag
+from slamsim.io.ros.bag import Bag, custom_data, open_bag
 from slamsim.io.ros.parts import METADATA
 from slamsim.io.ros.reader import TRANSFORM_TYPES, description_topic, is_truth, recorded_name
 from slamsim.io.ros.sources import Bag1Source, McapSource
@@ -97,9 +99,10 @@ def rewrite_recording(path: Path, read: Recording, edited: Recording, folder: Pa
             infos,
         )
         edges = new_edges(edited)
-        with _copy_of(bag, folder) as copy, closing(Spool()) as spool:
+        shutters = told_shutters(read, edited)
+        with _copy_of(bag, folder, shutters) as copy, closing(Spool()) as spool:
             _require_stamps(copy, [*(c.stamps_ns for c in changes), *(e.stamps_ns for e in edges)])
-            numbers = _declared(bag, copy)
+            numbers = _declared(bag, copy, shutters)
             _spool_moved(edits, copy, numbers, spool)
             _spool_new(bag, edges, copy, numbers, spool)
             _merge(edits, copy, numbers, spool)
@@ -180,28 +183,45 @@ def _parts(message: Any) -> Sequence[Any]:
     return found
 
 
-def _copy_of(bag: Bag, folder: Path) -> Copy:
+def _copy_of(bag: Bag, folder: Path, said: Mapping[str, str]) -> Copy:
+    """said: custom data that are new. Raises SlamsimError for such of a ROS 1 bag."""
     if isinstance(bag.source, Bag1Source):
+        if said:
+            raise SlamsimError(f"{bag.path}: a ROS 1 bag cannot tell the readout of a shutter")
         return Bag1Copy(folder, f"{recorded_name(bag.path)}.bag")
     profile = bag.source.profile if isinstance(bag.source, McapSource) else "ros2"
+    custom = {**custom_data(bag), **said}
     if not (bag.path / METADATA).is_file():
-        return Bag2Copy(folder, profile, bag.metadata.get(METADATA_RECORD, {}))
+        return Bag2Copy(folder, profile, custom)
     document: Any = load_yaml(bag.path / METADATA).data  # as ``open_bag`` found it
     told = document["rosbag2_bagfile_information"]
-    custom = {str(name): str(value) for name, value in (told.get("custom_data") or {}).items()}
     distro = str(told.get("ros_distro") or "")
     return Bag2Copy(folder, profile, custom, distro, topics_announced(told))
 
 
-def _declared(bag: Bag, copy: Copy) -> dict[int, int]:
-    """All that stands beside the messages, copied: the number of each publisher in the copy."""
-    if isinstance(bag.source, McapSource) and isinstance(copy, Bag2Copy):
-        for record in bag.source.metadata():
+def _declared(bag: Bag, copy: Copy, said: Mapping[str, str]) -> dict[int, int]:
+    """All that stands beside the messages, copied: the number of each publisher in the copy.
+
+    said: custom data that are new.
+    """
+    if isinstance(copy, Bag2Copy):
+        for record in _metadata(bag, said):
             copy.put_metadata(record)
+    if isinstance(bag.source, McapSource) and isinstance(copy, Bag2Copy):
         with as_input_errors(bag.path, "attachments"):
             for attachment in bag.source.attachments():
                 copy.put_attachment(attachment)
     return {n: copy.declare(each) for n, each in bag.source.declarations.items()}
+
+
+def _metadata(bag: Bag, said: Mapping[str, str]) -> list[records.Metadata]:
+    """Records as they are, custom data that are new in our own: a file may be read alone."""
+    found = bag.source.metadata() if isinstance(bag.source, McapSource) else []
+    if not said:
+        return found
+    own = {**bag.metadata.get(METADATA_RECORD, {}), **said}
+    others = (each for each in found if each.name != METADATA_RECORD)
+    return [records.Metadata(name=METADATA_RECORD, metadata=own), *others]
 
 
 def _spool_moved(edits: _Edits, copy: Copy, numbers: dict[int, int], spool: Spool) -> None:

@@ -20,6 +20,7 @@ from slamsim.guard.unpacking import PACKINGS, unpack
 from slamsim.guard.yaml import load_yaml
 from slamsim.io.bag1.reader import index_bag1, sampled_bag1
 from slamsim.io.bag2.sqlite import index_sqlite
+from slamsim.io.bag2.writer import METADATA_RECORD
 from slamsim.io.input_errors import as_input_errors, damaged
 from slamsim.io.mcap.reader import McapIndex, index_mcap
 from slamsim.io.mcap.summary import sampled_mcap
@@ -99,6 +100,16 @@ class Bag:
                 yield message
             if seen != expected:
                 raise ValueError(f"the index leads to {seen} of {expected} messages")
+
+
+def custom_data(bag: Bag) -> dict[str, str]:
+    """What a recording says besides its messages (``ros2 bag record --custom-data``): as its
+    metadata.yaml has it, of a file alone what slamsim wrote into it."""
+    if not (bag.path / METADATA).is_file():
+        return dict(bag.metadata.get(METADATA_RECORD, {}))
+    document: Any = load_yaml(bag.path / METADATA).data  # as ``open_bag`` found it
+    told = document["rosbag2_bagfile_information"].get("custom_data")
+    return {str(n): str(v) for n, v in told.items()} if isinstance(told, dict) else {}
 
 
 def open_bag(path: Path, *, is_sampled: bool = False) -> Bag:

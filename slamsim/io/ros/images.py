@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from slamsim.cameras.codecs.depth import decode_compressed_depth
 from slamsim.cameras.codecs.pictures import decode_picture
 from slamsim.cameras.codecs.raw import Kind, RawImage, decode_raw
-from slamsim.cameras.frames import CameraClaim, EncodedFrame
+from slamsim.cameras.frames import CameraClaim, EncodedFrame, readout_key
+from slamsim.guard.errors import shown
 from slamsim.guard.pictures import JPEG_MAGIC, PNG_MAGIC
 from slamsim.recording.frames import frame_name
 
@@ -101,6 +102,23 @@ def claim_of(topic: str, message: Any) -> CameraClaim:
         (max(int(message.binning_x), 1), max(int(message.binning_y), 1)),
         (int(roi.x_offset), int(roi.y_offset), int(roi.width), int(roi.height)),
     )
+
+
+def told_readout(custom: Mapping[str, str], image_topic: str) -> float | None:
+    """What they say of a topic's camera, in seconds; None where nothing.
+
+    Raises ValueError for what is no such time.
+    """
+    key = readout_key(without_transport(image_topic))
+    if key not in custom:
+        return None
+    try:
+        readout_s = float(custom[key])
+    except ValueError:
+        readout_s = np.nan
+    if not abs(readout_s) <= 1.0:
+        raise ValueError(f"custom data {key} are {shown(custom[key])}, no seconds from -1 to 1")
+    return readout_s
 
 
 def info_topic(image_topic: str) -> str:

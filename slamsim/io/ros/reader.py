@@ -15,6 +15,7 @@ from slamsim.core.types import Epoch
 from slamsim.guard.errors import InputRefused
 from slamsim.guard.unpacking import PACKINGS
 from slamsim.io import LOG
+from slamsim.io.bag2.writer import METADATA_RECORD
 from slamsim.io.formats import Contents, Survey, TopicFacts, Truth
 from slamsim.io.input_errors import as_input_errors
 from slamsim.io.ros.bag import Bag, open_bag
@@ -47,7 +48,6 @@ _DESCRIPTION, _TEXT = "robot_description", "std_msgs/msg/String"
 ODOMETRY = RawOdometry.schema.type_name
 TRANSFORM_TYPES = (TRANSFORMS, "tf/msg/tfMessage")
 _TRUTH_WORDS = ("ground_truth", "groundtruth")
-_OWN_METADATA = "slamsim"
 _COLLECTORS: dict[str, Callable[[str, Opened, bool], Any]] = {
     **{kind.schema.type_name: partial(NumberCollector, kind) for kind in KINDS},
     RawScans.schema.type_name: ScanCollector,
@@ -260,7 +260,7 @@ def _assembled(bag: Bag, topics: Mapping[str, _Topic]) -> Recording:
 
 def _epoch(bag: Bag, recording: Recording) -> Epoch:
     """As our own metadata say; else UNIX by the size of the stamps; else a clock tells."""
-    if bag.metadata.get(_OWN_METADATA, {}).get("epoch") == "simulation":
+    if bag.metadata.get(METADATA_RECORD, {}).get("epoch") == "simulation":
         return "simulation"
     streams = (*recording.scans, *recording.imus, *recording.odometries)
     guessed = epoch_of(int(np.median(streams[0].stamps_ns)) if streams else 0)

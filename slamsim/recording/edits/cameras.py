@@ -60,6 +60,19 @@ def shifted(camera: CameraSurvey, offset_ns: int) -> CameraSurvey:
     return replace(camera, stamps_ns=camera.stamps_ns + offset_ns)
 
 
+def telling(readout_s: Callable[[float], float]) -> Callable[[CameraSurvey], CameraSurvey]:
+    """A change of what is told of the shutter: readout_s, from what is told so far (0 where nothing
+    is), in seconds."""
+
+    def told(camera: CameraSurvey) -> CameraSurvey:
+        claim = camera.claim
+        if claim is None:
+            return camera
+        return replace(camera, claim=replace(claim, readout_s=readout_s(claim.readout_s or 0.0)))
+
+    return told
+
+
 def repeating(camera: CameraSurvey, shown: IntArray) -> CameraSurvey:
     """Images (n,) of these numbers in the place of its own, at the times of its own."""
     stamps_ns, received_ns = camera.stamps_ns, camera.received_ns

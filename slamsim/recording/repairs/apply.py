@@ -25,7 +25,10 @@ edit for what is asked of a recording."""
 
 PER_BEAM = ("drop_beams", "value_to_inf")
 """Operations that may come several times on one subject, with other numbers."""
-ABSOLUTE = ("set_mounting", "set_range_limits", "set_sweep", "rename_frame", "undo_clock_step")
+ABSOLUTE = (
+    *("set_mounting", "set_range_limits", "set_sweep", "rename_frame", "undo_clock_step"),
+    "set_readout",
+)
 """Operations that declare a number anew, whatever it was, or do something elsewhere each time."""
 VARIANTS: Mapping[str, tuple[str, tuple[str, ...]]] = {
     "scale_angles": ("pivot", scans.PIVOTS),

@@ -11,7 +11,7 @@ from slamsim.cameras.changes import ScaleDepths
 from slamsim.cameras.survey import CameraSurvey
 from slamsim.recording import Recording
 from slamsim.recording.edits.base import Edit
-from slamsim.recording.edits.cameras import ChangeCameras, ExchangeImages, kept
+from slamsim.recording.edits.cameras import ChangeCameras, ExchangeImages, kept, telling
 from slamsim.recording.repairs.base import Repair
 
 
@@ -33,6 +33,11 @@ def scale_focal(recording: Recording, repair: Repair) -> Edit:
         return replace(camera, claim=replace(camera.claim, K=K))
 
     return ChangeCameras(_subject(repair), scaled)
+
+
+def set_readout(recording: Recording, repair: Repair) -> Edit:
+    """Tell that a topic's images are exposed within readout_s, from the first row to the last."""
+    return ChangeCameras(_subject(repair), telling(lambda _: repair.number("readout_s")))
 
 
 def set_camera_size(recording: Recording, repair: Repair) -> Edit:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from slamsim.cameras.frames import readout_key
 from slamsim.cameras.lens import COEFFICIENTS
 from slamsim.cameras.settings import ImagerConfig, LensConfig
 from slamsim.core.geometry import xyzw_from_matrix
@@ -68,6 +69,15 @@ class CameraTopics:
             for what in config.truth:
                 found[self._truth(name, what)] = RawImages.schema.type_name
         return found
+
+    @property
+    def custom_data(self) -> dict[str, str]:
+        """How long the shutter of each image of light takes, which no message tells."""
+        return {
+            readout_key(f"/{self._entry.name}/{name}/image_raw"): f"{config.readout_s:.7g}"
+            for name, config in self._entry.enabled_imagers.items()
+            if not config.is_depth
+        }
 
     def streams(self, taken: Sequence[Taken | Moved]) -> tuple[RawStream, ...]:
         """The messages of one window."""

@@ -18,7 +18,13 @@ from slamsim.core.geometry import matrix_from_rpy, se3_from_parts
 from slamsim.core.types import BoolArray, FloatArray, IntArray
 from slamsim.recording import Recording
 from slamsim.recording.edits.base import CannotEdit, Edit, Edits
-from slamsim.recording.edits.cameras import ChangeCameras, ExchangeImages, repeating, shifted
+from slamsim.recording.edits.cameras import (
+    ChangeCameras,
+    ExchangeImages,
+    repeating,
+    shifted,
+    telling,
+)
 from slamsim.recording.frame_graph import FrameGraph
 from slamsim.recording.repairs.base import Repair
 from slamsim.recording.repairs.frames import set_mounting
@@ -108,6 +114,23 @@ class CameraInfoFolds(CameraFault):
             return replace(claim, coefficients=coefficients)
 
         return self.changed(_claiming(folded))
+
+
+class CameraReadout(CameraFault):
+    """The recording tells another shutter than the camera has."""
+
+    kind: Literal["camera_readout"]
+    error_s: float = Field(ge=-1.0, le=1.0)
+    """What is told of the time from the first row to the last, less what it is; no less than 0, a
+    global shutter, is told."""
+    images: Images = "images"
+
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        cameras = [each for each in recording.cameras if self.chosen(each) and each.claim]
+        told_s = [each.claim.readout_s or 0.0 for each in cameras if each.claim]
+        if all(max(one + self.error_s, 0.0) == one for one in told_s):
+            raise CannotEdit(f"{recording.name} tells of no camera that its shutter rolls")
+        return self.changed(telling(lambda one_s: max(one_s + self.error_s, 0.0)))
 
 
 class DepthScale(CameraFault):

@@ -28,6 +28,12 @@ class CameraEntry(CameraSettings):
 
         return CameraTopics(self).types
 
+    @property
+    def custom_data(self) -> Mapping[str, str]:
+        from slamsim.sensors.cameras.streams import CameraTopics
+
+        return CameraTopics(self).custom_data
+
     def build(self, site: Site) -> Camera:
         from slamsim.sensors.cameras.camera import Camera
 

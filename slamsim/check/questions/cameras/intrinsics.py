@@ -20,7 +20,10 @@ stereo pair within ten. A camera matrix of twice the image is a quarter off."""
 CAMERA_INTRINSICS = FaultKind(
     "camera_intrinsics",
     "CameraInfo belongs to no camera with such images",
-    (anywhere("camera_depth_scale", "camera_mount", "camera_time_offset"),),
+    (
+        anywhere("camera_depth_scale", "camera_mount", "camera_time_offset"),
+        anywhere("camera_rolling_shutter"),
+    ),
 )
 
 

@@ -15,6 +15,7 @@ from slamsim.check.motion.depth_slices import (
     SliceFit,
     fit_slices,
 )
+from slamsim.check.motion.image_leans import seen_leans
 from slamsim.check.motion.image_turns import FEWEST_PAIRS, TurnFit, fit_turns, seen_turns
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
 from slamsim.check.questions.cameras.intrinsics import CAMERA_INTRINSICS
@@ -146,6 +147,10 @@ GROUP = QuestionGroup("camera place", 70, (*_QUESTIONS, TURNS), check_cameras)
 def turn_fit(evidence: RecordingEvidence, camera: CameraSurvey) -> tuple[TurnFit | None, str]:
     """The fit of turns as images show them to those of gyroscope or wheels, or why there is
     none."""
+    return evidence.once(f"turns of {camera.topic}", lambda: _turn_fit(evidence, camera))
+
+
+def _turn_fit(evidence: RecordingEvidence, camera: CameraSurvey) -> tuple[TurnFit | None, str]:
     inputs = evidence.inputs
     other = inputs.gyro or inputs.wheels
     if other is None:
@@ -157,7 +162,8 @@ def turn_fit(evidence: RecordingEvidence, camera: CameraSurvey) -> tuple[TurnFit
     T_base_camera = evidence.frames.between(evidence.base, camera.frame_id)
     R = _R_LEVEL if T_base_camera is None else T_base_camera[:3, :3]
     try:
-        fit = fit_turns(seen_turns(camera, camera.claim.model(), R), other)
+        model = camera.claim.model()
+        fit = fit_turns(seen_turns(camera, model, R), seen_leans(camera, model, R), other)
     except BadNumbers as error:
         return None, f"its CameraInfo cannot be right: {error}"
     seen = f"fewer than {FEWEST_PAIRS} pairs of successive images show how the robot turned"
@@ -167,12 +173,10 @@ def turn_fit(evidence: RecordingEvidence, camera: CameraSurvey) -> tuple[TurnFit
 def _turns(evidence: RecordingEvidence, camera: CameraSurvey, fit: TurnFit) -> Iterator[Finding]:
     delay_s, sigma_s = fit.delay_s
     delay = Measurement(1e3 * delay_s, 1e3 * float(np.hypot(sigma_s, _PARALLAX_S)), "ms")
-    readout_s = fit.readout_s[0], float(np.hypot(fit.readout_s[1], _PARALLAX_S))
     yield judge(
         OFFSET,
         camera.topic,
-        f"its stamps are off by {delay.value:+.0f} ms, by turns in {fit.pairs} pairs of images; "
-        f"its rows are read out in {1e3 * readout_s[0]:.0f} +- {2e3 * readout_s[1]:.0f} ms",
+        f"its stamps are off by {delay.value:+.0f} ms, by turns in {fit.pairs} pairs of images",
         delay,
         limit=_LIMIT_BY_TURNS_MS,
         advice="Stamp images when they are exposed, by the clock of the other sensors.",

@@ -35,7 +35,10 @@ _FEWEST_MOVING = 20
 _DARK = 4.0
 """Of 255: a covered lens."""
 
-_BY_MOTION = ("camera_time_offset", "camera_mount", "camera_depth_scale", "camera_intrinsics")
+_BY_MOTION = (
+    *("camera_time_offset", "camera_mount", "camera_depth_scale", "camera_intrinsics"),
+    "camera_rolling_shutter",
+)
 """Told from images that are believed to be of their instants."""
 CAMERA_FROZEN = FaultKind(
     "camera_frozen",

@@ -1,0 +1,122 @@
+"""How long a shutter takes from the first row to the last, by how upright lines lean in turns.
+
+While the robot turns, each row of a rolling shutter sees the world turned a little farther than
+the row above it: all that an image shows is sheared by turn rate times readout. Of one image that
+cannot be told from a scene that leans; over many images scenes lean neither way, and what goes with
+the turn rate is the shutter. No motion between images is looked at, so that neither the rate of
+images matters nor how far away things are. Lines are those of Grompone von Gioi et al. (LSD, 2012).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from slamsim.cameras.lens import CameraModel
+from slamsim.cameras.survey import CameraSurvey
+from slamsim.core.geometry import wrap_angle
+from slamsim.core.types import FloatArray, IntArray
+
+_SHORTEST_PX, _FEWEST_LINES = 12.0, 3
+"""Of a line in a thumbnail: at 2 degrees it moves by half a pixel from end to end."""
+_UPRIGHT, _WINDOW = 0.6, 0.16
+"""Azimuth over elevation from end to end: lines that lean by less than 31 degrees are looked at,
+and of these those within 9 degrees of the common lean count. A shutter of 30 ms leans things by 2
+degrees at 1 rad/s."""
+_DOWN = 0.5
+"""Least share of a line that runs from row to row: to a camera on its side what is upright is of
+one instant."""
+_BLOCK_S, _FEWEST_BLOCKS = 2.0, 6
+"""Images of one view have the lean of that view in common: views count, not images."""
+_TUKEY, _ROUNDS = 4.0, 15
+_LEAST_SIGMA_S = 1e-4
+"""A tenth of a pixel of lean at 1 rad/s in images of 1000 rows: no estimate is surer."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenLeans:
+    """stamps_ns: (n,) of images. leans_rad: (n,) by how much farther to the right in the base an
+    image sees an upright line in its last row than in its first."""
+
+    stamps_ns: IntArray
+    leans_rad: FloatArray
+
+
+def seen_leans(camera: CameraSurvey, model: CameraModel, R_base_camera: FloatArray) -> SeenLeans:
+    """Of all images of which thumbnails are held; R_base_camera (3, 3): as claimed.
+
+    Images without upright lines, and those that are the one before again, are left out.
+    """
+    leans = np.array([_lean(image, model, R_base_camera) for image in camera.thumbnails])
+    if not leans.size:
+        return SeenLeans(np.zeros(0, np.int64), np.zeros(0))
+    told = np.isfinite(leans) & camera.is_new
+    return SeenLeans(camera.stamps_ns[camera.sampled][told], leans[told])
+
+
+def _lean(image: NDArray[np.uint8], model: CameraModel, R: FloatArray) -> float:
+    """Of one image, (h, w) grey: the mean over its lines, weighed by the squares of their lengths,
+    of those near it; nan where there are too few."""
+    height, width = image.shape
+    found = cv2.createLineSegmentDetector(0).detect(image)[0]
+    if found is None:
+        return np.nan
+    lines = np.asarray(found, np.float64).reshape(-1, 2, 2)
+    lengths = np.hypot(*(lines[:, 1] - lines[:, 0]).T)
+    rows = (lines[:, 1, 1] - lines[:, 0, 1]) / height
+    long = (lengths > _SHORTEST_PX) & (np.abs(rows) * height > _DOWN * lengths)
+    lines, lengths, rows = lines[long], lengths[long], rows[long]
+    # LSD has the first pixel from 0 to 1, camera models have its middle at 0.
+    ends = lines.reshape(-1, 2) * [model.width / width, model.height / height] - 0.5
+    x, y, z = (model.rays_at(ends) @ R.T).reshape(-1, 2, 3).transpose(2, 0, 1)
+    leans = -wrap_angle(np.diff(np.arctan2(y, x))[:, 0]) / rows
+    tall = np.abs(np.diff(np.arctan2(z, np.hypot(x, y)))[:, 0] / rows)
+    upright = np.abs(leans) < _UPRIGHT * tall
+    leans, tall, weight = leans[upright], tall[upright], np.square(lengths[upright])
+    if leans.size < _FEWEST_LINES:
+        return np.nan
+    lean = _weighed_median(leans, weight)
+    for _ in range(_ROUNDS):
+        off = (leans - lean) / (_WINDOW * tall)
+        counts = weight * np.square(np.maximum(1.0 - np.square(off), 0.0))
+        if not counts.any():
+            return np.nan
+        lean = float((counts * leans).sum() / counts.sum())
+    return lean
+
+
+def _weighed_median(values: FloatArray, weights: FloatArray) -> float:
+    order = np.argsort(values)
+    sums = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(sums, 0.5 * sums[-1])])
+
+
+def fit_readout(
+    leans_rad: FloatArray, times_s: FloatArray, rates_rad_s: FloatArray
+) -> tuple[float, float] | None:
+    """(seconds from the first row to the last, sigma), by how leans (n,) go with turn rates (n,).
+
+    None where images cover too short a time, or the robot turns in none of them. Below 0 where rows
+    are exposed from the foot of the image on. times_s: (n,) of the images.
+    """
+    places = np.floor(times_s / _BLOCK_S).astype(np.int64)
+    _, block = np.unique(places, return_inverse=True)
+    count = int(block.max(initial=-1)) + 1
+    A = np.column_stack([np.ones(leans_rad.size), rates_rad_s])
+    if count < _FEWEST_BLOCKS or not np.ptp(rates_rad_s) > 0.0:
+        return None
+    weight = np.ones(leans_rad.size)
+    for _ in range(_ROUNDS):
+        by = A * weight[:, None]
+        inverse = np.linalg.pinv(by.T @ A)
+        values = inverse @ (by.T @ leans_rad)
+        apart = leans_rad - A @ values
+        scale = max(1.4826 * float(np.median(np.abs(apart))), 1e-6)
+        weight = np.square(np.maximum(1.0 - np.square(apart / (_TUKEY * scale)), 0.0))
+    scores = np.zeros((count, 2))
+    np.add.at(scores, block, A * (weight * apart)[:, None])
+    covariance = inverse @ (scores.T @ scores) @ inverse * (count / (count - 2.0))
+    return float(values[1]), float(np.hypot(np.sqrt(covariance[1, 1]), _LEAST_SIGMA_S))

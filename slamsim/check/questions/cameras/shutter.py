@@ -1,0 +1,88 @@
+"""Is the shutter of a camera the one that the recording says, a global one where it says none?"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from slamsim.cameras.survey import CameraSurvey
+from slamsim.check.evidence import RecordingEvidence
+from slamsim.check.findings import Finding, Measurement
+from slamsim.check.question import FaultKind, Question, judge, unanswered
+from slamsim.check.questions.cameras.place import turn_fit
+from slamsim.recording.repairs.base import Repair
+
+MAX_READOUT_OFF_MS = 8.0
+"""At 1 rad/s the last row is then half a degree beside where it is taken to be: 4 pixels of an
+image of 640 that sees 69 degrees."""
+_USUAL_DISTANCE_M = 1.5
+"""A camera before the axle moves sideways in turns, by which what is near seems to turn faster."""
+_FLOOR_MS = 1.5
+"""What the fit does not know of: robots lean in turns as well. Global shutters of simulated robots
+measured as 2 ms."""
+_FAST = 0.95
+"""Share of images in which the robot turns more slowly than as "in its turns" is told."""
+
+
+def check_shutter(evidence: RecordingEvidence) -> Iterator[Finding]:
+    """Each topic of colour or grey images, against the gyroscope, or else the wheels."""
+    for camera in evidence.recording.cameras:
+        if camera.kind != "depth":
+            yield _asked(evidence, camera)
+
+
+SHUTTER = Question(
+    "camera.shutter",
+    "rows of images are exposed as long apart as is told, at once where nothing is told",
+    (FaultKind("camera_rolling_shutter", "a camera's shutter rolls otherwise than is told"),),
+    limit=MAX_READOUT_OFF_MS,
+    unit="ms",
+    consequence="what is upright leans in turns, and points are put beside their place",
+    excitation_wanted="turns one way and the other for some ten seconds, in view of upright edges",
+    ask=check_shutter,
+    repairs=("set_readout",),
+)
+
+
+def _asked(evidence: RecordingEvidence, camera: CameraSurvey) -> Finding:
+    fit, reason = turn_fit(evidence, camera)
+    if fit is None or fit.readout_s is None:
+        wanted = SHUTTER.excitation_wanted
+        few = f"too few images show how upright edges lean; what would tell: {wanted}"
+        return unanswered(SHUTTER, camera.topic, reason or few)
+    assert camera.claim is not None
+    claimed_s = camera.claim.readout_s
+    by_lever = _before_the_axle_m(evidence, camera) / _USUAL_DISTANCE_M
+    readout_s = fit.readout_s[0] / (1.0 + by_lever)
+    off_s = readout_s - (claimed_s or 0.0)
+    unsure_s = fit.readout_s[1], 0.5 * by_lever * readout_s, 1e-3 * _FLOOR_MS
+    fast_rad_s = float(np.quantile(np.abs(fit.turns_rad_s), _FAST))
+    beside_px = abs(off_s) * fast_rad_s * float(camera.claim.model().focal_px[0])
+    told = "nothing is told of its shutter"
+    if claimed_s is not None:
+        told = f"{1e3 * claimed_s:.1f} ms are told"
+    told_by_fix = evidence.recording.format != "rosbag1"  # which has no custom data
+    measured = f"its rows are exposed within {1e3 * readout_s:+.1f} ms, and {told}"
+    return judge(
+        SHUTTER,
+        camera.topic,
+        {
+            "ok": measured,
+            "inconclusive": measured,
+            "fault": f"{measured}: in its turns ({fast_rad_s:.2f} rad/s) the last row lies "
+            f"{beside_px:.1f} px beside where the first one has it",
+        },
+        Measurement(1e3 * off_s, 1e3 * float(np.linalg.norm(unsure_s)), "ms"),
+        repairs=[Repair("set_readout", camera.topic, {"readout_s": readout_s})] * told_by_fix,
+        advice="Tell programs the readout of the shutter, or use a camera with a global one.",
+    )
+
+
+def _before_the_axle_m(evidence: RecordingEvidence, camera: CameraSurvey) -> float:
+    """How far a camera sits from the base to where it looks."""
+    T_base_camera = evidence.frames.between(evidence.base, camera.frame_id)
+    if T_base_camera is None:
+        return 0.0
+    ahead, place_m = T_base_camera[:2, 2], T_base_camera[:2, 3]
+    return float(ahead @ place_m) / max(float(np.hypot(*ahead)), 1e-9)
