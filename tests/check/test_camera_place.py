@@ -24,7 +24,7 @@ from slamsim.check.questions.cameras.depth import check_unit
 from slamsim.check.questions.cameras.shutter import check_shutter
 from slamsim.core.geometry import matrix_from_rpy, se3_from_parts, xyzw_from_yaw
 from slamsim.core.types import FloatArray, IntArray
-from slamsim.recording import RawOdometry, RawScans, Recording, ScanLayout
+from slamsim.recording import RawImu, RawOdometry, RawScans, Recording, ScanLayout
 from slamsim.recording.repairs.apply import apply_repairs
 
 R_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -300,6 +300,40 @@ def test_a_shutter_that_rolls_otherwise_than_told_is_a_fault(
         fixed = apply_repairs(turning_recording(camera), found.repairs)
         (again,) = check_shutter(RecordingEvidence(fixed))
         assert again.verdict == "ok", again
+
+
+@pytest.mark.parametrize("tilt_s", [-0.04, 0.04])
+def test_a_robot_that_tilts_in_turns_has_no_rolling_shutter(tilt_s: float) -> None:
+    """A global shutter on a base that rolls by 0.04 rad for each rad/s, as its gyroscope tells."""
+    camera, rays = turning_images(0.0, 0.0, 1.0), pinhole(160, 90, 70.0).rays() @ R_OPTICAL.T
+    around, step_s = panorama(), 0.005
+    images = []
+    for at_s in (camera.stamps_ns * 1e-9).tolist():
+        before, now, after = turned(at_s + np.array([-step_s, 0.0, step_s]))
+        tilt = tilt_s * (after - before) / (2.0 * step_s)
+        x, y, z = (rays @ matrix_from_rpy(tilt, 0.0, 0.0).T).T
+        column = (now + np.arctan2(y, x) + np.pi) * around.shape[1] / (2.0 * np.pi)
+        row = 44.5 - 114.0 * z / np.hypot(x, y)
+        seen = map_coordinates(around, [row, column], order=1, mode="grid-wrap")
+        images.append(seen.reshape(90, 160))
+    camera = replace(camera, thumbnails=np.array(images, dtype=np.uint8))
+    stamps_ns = np.arange(0, 22 * 10**9, 10_000_000, dtype=np.int64)
+    at = stamps_ns * 1e-9
+    rate = (turned(at + step_s) - turned(at - step_s)) / (2.0 * step_s)
+    tilting = tilt_s * np.gradient(rate, 0.01)
+    rates = np.column_stack([tilting, 0.0 * rate, rate])
+    imu = RawImu("/imu", ("base_link",), stamps_ns, None, rates, np.zeros_like(rates))
+    whole = turning_recording(camera)
+    untold, told = (
+        next(iter(check_shutter(RecordingEvidence(each))))
+        for each in (whole, replace(whole, streams=(*whole.streams, imu)))
+    )
+    assert untold.estimate is not None
+    assert told.estimate is not None
+    # At the middle column; towards the sides a tilt leans what is upright by less.
+    assert untold.estimate.value == pytest.approx(1e3 * tilt_s * 90.0 / 114.25, rel=0.2)
+    assert abs(told.estimate.value) < 0.25 * abs(untold.estimate.value)
+    assert told.verdict != "fault"
 
 
 def test_a_camera_on_its_side_shows_nothing_of_its_shutter() -> None:

@@ -9,8 +9,10 @@ import numpy as np
 from slamsim.cameras.survey import CameraSurvey
 from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding, Measurement
+from slamsim.check.motion.integrated import IntegratedMotion, integrated_gyro
 from slamsim.check.question import FaultKind, Question, judge, unanswered
 from slamsim.check.questions.cameras.place import turn_fit
+from slamsim.core.types import FloatArray
 from slamsim.recording.repairs.base import Repair
 
 MAX_READOUT_OFF_MS = 8.0
@@ -19,8 +21,10 @@ image of 640 that sees 69 degrees."""
 _USUAL_DISTANCE_M = 1.5
 """A camera before the axle moves sideways in turns, by which what is near seems to turn faster."""
 _FLOOR_MS = 1.5
-"""What the fit does not know of: robots lean in turns as well. Global shutters of simulated robots
-measured as 2 ms."""
+"""What the fit does not know of. Global shutters of simulated robots measured as 1 to 2 ms."""
+_SWAY_S, _STEP_S = 2.0, 0.05
+"""A tilt is told against what it was before and after: so long a turn lasts, and a gyroscope's bias
+adds nothing."""
 _FAST = 0.95
 """Share of images in which the robot turns more slowly than as "in its turns" is told."""
 
@@ -54,9 +58,12 @@ def _asked(evidence: RecordingEvidence, camera: CameraSurvey) -> Finding:
     assert camera.claim is not None
     claimed_s = camera.claim.readout_s
     by_lever = _before_the_axle_m(evidence, camera) / _USUAL_DISTANCE_M
-    readout_s = fit.readout_s[0] / (1.0 + by_lever)
+    tall_rad = camera.claim.image_size[1] / float(camera.claim.model().focal_px[1])
+    by_tilt_s = tall_rad * _tilt_per_turn_s(evidence, camera)
+    readout_s = (fit.readout_s[0] - by_tilt_s) / (1.0 + by_lever)
     off_s = readout_s - (claimed_s or 0.0)
-    unsure_s = fit.readout_s[1], 0.5 * by_lever * readout_s, 1e-3 * _FLOOR_MS
+    by_others_s = 0.5 * by_lever * readout_s, 0.5 * by_tilt_s
+    unsure_s = fit.readout_s[1], *by_others_s, 1e-3 * _FLOOR_MS
     fast_rad_s = float(np.quantile(np.abs(fit.turns_rad_s), _FAST))
     beside_px = abs(off_s) * fast_rad_s * float(camera.claim.model().focal_px[0])
     told = "nothing is told of its shutter"
@@ -77,6 +84,36 @@ def _asked(evidence: RecordingEvidence, camera: CameraSurvey) -> Finding:
         repairs=[Repair("set_readout", camera.topic, {"readout_s": readout_s})] * told_by_fix,
         advice="Tell programs the readout of the shutter, or use a camera with a global one.",
     )
+
+
+def _tilt_per_turn_s(evidence: RecordingEvidence, camera: CameraSurvey) -> float:
+    """By how much a camera tilts about where it looks, its left side up, per turn rate: as a robot
+    on soft wheels or a person who carries it does, and images lean as by a shutter. 0 where no
+    gyroscope tells.
+
+    What goes with the heading, not with its rate, is a gyroscope that is mounted at a slant.
+    """
+    imu = next(iter(evidence.recording.imus), None)
+    if imu is None or not imu.frame_ids:
+        return 0.0
+    T_base_imu = evidence.frames.between(evidence.base, imu.frame_ids[0])
+    T_base_camera = evidence.frames.between(evidence.base, camera.frame_id)
+    R_base_imu = np.eye(3) if T_base_imu is None else T_base_imu[:3, :3]
+    ahead = np.array([1.0, 0.0]) if T_base_camera is None else T_base_camera[:2, 2]
+    level = np.append(ahead / max(float(np.hypot(*ahead)), 1e-9), 0.0)
+    tilt, turn = (integrated_gyro(imu, axis @ R_base_imu) for axis in (level, np.eye(3)[2]))
+    if tilt is None or turn is None or turn.times_s[-1] < 4.0 * _SWAY_S:
+        return 0.0
+    at_s = np.arange(_SWAY_S, turn.times_s[-1] - _SWAY_S, _STEP_S)
+
+    def beside(motion: IntegratedMotion) -> FloatArray:
+        around = motion.at(at_s - _SWAY_S) + motion.at(at_s + _SWAY_S)
+        return np.asarray((motion.at(at_s) - 0.5 * around)[:, 0])
+
+    half_s = 0.5 * _STEP_S
+    rates_rad_s = (turn.at(at_s + half_s) - turn.at(at_s - half_s))[:, 0] / _STEP_S
+    A = np.column_stack([rates_rad_s, beside(turn), np.ones(at_s.size)])
+    return float(np.linalg.lstsq(A, beside(tilt), rcond=1e-9)[0][0])
 
 
 def _before_the_axle_m(evidence: RecordingEvidence, camera: CameraSurvey) -> float:
