@@ -2,9 +2,10 @@
 
 ``kernel`` is the one decorator for hot loops in this package. Results are the same bytes for
 the same input: no fast-math, no parallel reductions. The cache differs from numba's own in
-four ways: it lives in a folder of the user (mode 0700, for a cache is code) named after a
-digest of all kernel sources, so that a kernel in one file never runs with a stale callee from
-another; a damaged entry is recognised by its checksum, thrown away and compiled again; a full
+four ways: it lives in a folder of the user (mode 0700, for a cache is code); an entry is named
+after the sources of its module and of the modules with kernels that this imports, so that a kernel
+in one file never runs with a stale callee from another, and an edit costs only the kernels that
+depend on it; a damaged entry is recognised by its checksum, thrown away and compiled again; a full
 or read-only disk costs the cache, not the run; and compiling is told to the log.
 """
 
@@ -16,6 +17,7 @@ import hashlib
 import logging
 import os
 import pickle
+import re
 import shutil
 import tempfile
 from collections.abc import Callable, Sequence
@@ -41,8 +43,48 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 _PACKAGE = Path(__file__).parents[1]
 _DIGEST_BYTES = hashlib.sha256().digest_size
 
+_IMPORTS = re.compile(rb"^from slamsim\.([\w.]+) import", re.MULTILINE)
+"""How modules with kernels import each other; a test holds that their kernels take nothing from
+others of the package."""
+
 _read_ns: dict[Path, int] = {}
-"""When the sources were last changed that the name of the folder is made of."""
+"""When the sources that were read were last changed, as of their first reading."""
+
+
+@cache
+def _source(path: Path, changed_ns: int) -> tuple[bytes, bool, tuple[Path, ...]]:
+    """Digest of a source as it was changed at that time, whether it has kernels, and what it then
+    imports from the package."""
+    _read_ns.setdefault(path, changed_ns)
+    text = path.read_bytes()
+    has_kernels = b"@kernel" in text
+    names = _IMPORTS.findall(text) if has_kernels else []
+    imported = (_PACKAGE.joinpath(*name.decode().split(".")).with_suffix(".py") for name in names)
+    return (
+        hashlib.sha256(text).digest(),
+        has_kernels,
+        tuple(one for one in imported if one.is_file()),
+    )
+
+
+def _source_stamp(module: Path) -> bytes:
+    """A digest of the sources that the kernels of a module are made of: its own, and those of the
+    modules with kernels that it imports, and that these import, and so on."""
+    digests: dict[str, bytes] = {}
+    seen, waiting = {module}, [module]
+    while waiting:
+        path = waiting.pop()
+        digest, has_kernels, imported = _source(path, path.stat().st_mtime_ns)
+        if has_kernels or path == module:
+            digests[_place(path)] = digest
+        waiting += set(imported) - seen
+        seen.update(imported)
+    return hashlib.sha256(repr((_place(module), sorted(digests.items()))).encode()).digest()
+
+
+def _place(path: Path) -> str:
+    """Of a module of the package, its place in it, which all checkouts share; else its path."""
+    return str(path.relative_to(_PACKAGE)) if path.is_relative_to(_PACKAGE) else str(path)
 
 
 def _libraries() -> str:
@@ -53,17 +95,11 @@ def _libraries() -> str:
 
 @cache
 def _cache_folder() -> Path | None:
-    """A private, writable folder for exactly these kernel sources; none where nothing is writable.
+    """A private, writable folder for these libraries; none where nothing is writable.
 
     A cache is code: one that another user could have written to is not used.
     """
     digest = hashlib.sha256(_libraries().encode())
-    for source in sorted(_PACKAGE.rglob("*.py")):
-        changed_ns = source.stat().st_mtime_ns
-        text = source.read_bytes()
-        if b"@kernel" in text:
-            digest.update(text)
-            _read_ns[source] = changed_ns
     root = os.environ.get("NUMBA_CACHE_DIR") or os.environ.get("XDG_CACHE_HOME")
     try:
         parent = Path(root) if root else Path.home() / ".cache"
@@ -101,6 +137,7 @@ class _Locator(caching.UserProvidedCacheLocator):  # type: ignore[misc]
         self._py_file = py_file
         self._lineno = py_func.__code__.co_firstlineno
         self._cache_path = str(_cache_folder())
+        self._stamp = _source_stamp(Path(py_file))
 
     @classmethod
     def from_function(cls, py_func: Callable[..., Any], py_file: str) -> _Locator:
@@ -108,18 +145,17 @@ class _Locator(caching.UserProvidedCacheLocator):  # type: ignore[misc]
 
     def get_source_stamp(self) -> bytes:
         """Of the text: numba 0.61 asks when a file was written, which no two checkouts share."""
-        return hashlib.sha256(Path(self._py_file).read_bytes()).digest()
+        return self._stamp
 
 
 class _Impl(caching.CompileResultCacheImpl):  # type: ignore[misc]
     _locator_classes = [_Locator]  # noqa: RUF012 - a name of theirs
 
     def get_filename_base(self, fullname: str, abiflags: str) -> str:
-        """Checkouts and environments with the same kernels share what they compile: a module of
-        the package is told by its place in it, another by its path."""
-        place = self._locator._py_file.removeprefix(f"{_PACKAGE}{os.sep}")
-        place = hashlib.sha256(place.encode()).hexdigest()[:8]
-        return f"{super().get_filename_base(fullname, abiflags)}-{place}"
+        """Checkouts and environments with the same sources share what they compile, and those with
+        others leave it alone."""
+        stamp = self._locator.get_source_stamp().hex()[:16]
+        return f"{super().get_filename_base(fullname, abiflags)}-{stamp}"
 
 
 class _CheckedFile(caching.IndexDataCacheFile):  # type: ignore[misc]
@@ -203,7 +239,7 @@ class _ForgivingCache(caching.FunctionCache):  # type: ignore[misc]
 
 
 def _are_as_read() -> bool:
-    """Whether the sources are still those that the folder is named after. Of what is edited while
+    """Whether the sources are still those that entries are named after. Of what is edited while
     a program runs, it may have imported either state."""
     return all(path.stat().st_mtime_ns == then for path, then in _read_ns.items())
 

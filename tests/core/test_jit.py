@@ -166,6 +166,37 @@ def test_environments_share_only_what_their_libraries_make_alike(
     assert len({usual, vectors, jit._cache_folder.__wrapped__()}) == 3
 
 
+def test_an_edit_costs_the_kernels_that_depend_on_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By way of other modules too, whichever of two it was that said it."""
+    monkeypatch.setattr(jit, "_PACKAGE", tmp_path)
+    texts = {
+        "top": "from slamsim.rooms.middle import f\nfrom slamsim.words import w\n@kernel",
+        "rooms/middle": "from slamsim.leaf import (\n  g)\nfrom slamsim.other import h\n@kernel",
+        "leaf": "from slamsim.rooms.middle import f\n@kernel",
+        "other": "@kernel # other",
+        "alone": "@kernel",
+        "words": "from slamsim.more import w",
+    }
+    (tmp_path / "rooms").mkdir()
+
+    def stamps(**edited: str) -> dict[str, bytes]:
+        for name, text in (texts | edited).items():
+            (tmp_path / f"{name}.py").write_text(text)
+        jit._source.cache_clear()
+        return {name: jit._source_stamp(tmp_path / f"{name}.py") for name in texts}
+
+    before = stamps()
+    depend = {"leaf": {"top", "rooms/middle", "leaf"}, "alone": {"alone"}, "words": {"words"}}
+    for name, those in depend.items():
+        after = stamps(**{name: texts[name] + " edited"})
+        assert {one for one in texts if after[one] != before[one]} == those
+    swapped = stamps(leaf=texts["other"], other=texts["leaf"])
+    assert swapped["top"] != before["top"]
+    assert stamps() == before
+
+
 def test_nowhere_to_write_costs_the_cache_and_not_the_run(tmp_path: Path) -> None:
     blocked = tmp_path / "a file, not a folder"
     blocked.write_text("")
@@ -175,8 +206,8 @@ def test_nowhere_to_write_costs_the_cache_and_not_the_run(tmp_path: Path) -> Non
 
 
 def test_kernels_take_no_numbers_from_modules_without_kernels() -> None:
-    """The name of the cache is made of modules with kernels alone: what another says would stay as
-    it was when they were compiled."""
+    """The names in the cache are made of modules with kernels alone: what another says would stay
+    as it was when they were compiled."""
     package = Path(jit.__file__).parents[1]
     trees = {
         "slamsim." + ".".join(path.relative_to(package).with_suffix("").parts): tree_of(path)
