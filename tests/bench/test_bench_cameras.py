@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from slamsim.bench.cameras.command import flow_error_px
+from slamsim.bench.cameras.faults import FAULTS, CameraTrial, faults_of, summary
 from slamsim.bench.cameras.halls import TAGS, ate_m, hall, mapped
 from slamsim.core.landmarks import NO_TAGS
+from slamsim.sensors.faults.registry import load_fault
 
 
 def test_flow_is_within_a_hundredth_of_a_pixel_of_homographies() -> None:
@@ -17,3 +19,27 @@ def test_tags_hold_a_robot_whose_lidar_sees_nothing() -> None:
     assert ate_m(held, true) < 0.02 * 2.0**0.5  # half as many images
     assert len(held.landmarks) == TAGS
     assert ate_m(mapped(log, NO_TAGS), true) > 10.0 * ate_m(held, true)
+
+
+def test_six_drives_have_each_fault_of_cameras_once() -> None:
+    drawn = [fault for number in range(6) for fault in faults_of(number)]
+    assert sorted(map(str, drawn)) == sorted(map(str, FAULTS))
+    assert len(set(FAULTS)) == len(FAULTS) >= 30
+    assert all(load_fault(name) for name, _ in FAULTS)
+    assert faults_of(6) == faults_of(0)
+
+
+def test_a_fault_with_something_false_beside_it_is_not_named() -> None:
+    about = 1, "loop", "oak_d"
+    trials = [
+        CameraTrial(*about, "", None, (), (), False),
+        CameraTrial(*about, "", None, ("camera_mount",), ("camera_mount",), False),
+        CameraTrial(*about, "camera_late", 0.1, ("camera_time_offset",), (), True),
+        CameraTrial(*about, "camera_late", 0.1, ("camera_mount",), ("camera_mount",), False),
+    ]
+    assert summary(trials) == {
+        "camera_faults": 2,
+        "camera_named_share": 0.5,
+        "camera_clean": 2,
+        "camera_false_alarms": 1,
+    }
