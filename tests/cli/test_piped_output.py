@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import pty
@@ -164,6 +165,7 @@ def arguments(
     return [*name.split(), *typed], tuple(places.values())
 
 
+@functools.cache
 def names_of_things() -> set[str]:
     """What a user types is called so in tables too."""
     faults = {fault.name for fault in bundled_faults()}
