@@ -139,6 +139,8 @@ def assert_alike(one: Recording, other: Recording, within_ns: int = 0, atol: flo
             assert apart.max(initial=0) <= within_ns, place
         elif isinstance(value, np.ndarray | float):
             theirs_here: Any = theirs[place]
+            if np.array_equal(value, theirs_here):
+                continue  # most are, and to find out takes a tenth of the time
             single = 2e-6 if "ranges_m" in place else 1e-9
             np.testing.assert_allclose(
                 theirs_here, value, rtol=single, atol=max(atol, single), err_msg=place
