@@ -14,6 +14,7 @@ from pathlib import Path
 import pytest
 import typer
 import yaml
+from short_drives import cut_drives_short
 
 from slamsim.check.registry import registry
 from slamsim.cli.main import app
@@ -72,6 +73,7 @@ def test_a_program_runs(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    cut_drives_short(monkeypatch)
     (tmp_path / "my_data").symlink_to(small_set)
     exec(compile(example, "the program", "exec"), {"__name__": "__main__"})
     assert capsys.readouterr().out
