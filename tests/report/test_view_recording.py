@@ -84,29 +84,37 @@ def test_a_viewer_opens_it_without_an_error_and_with_a_whole_transform_tree(
     assert check.duration_s == pytest.approx(39.9)
 
 
-def test_a_screenshot_leaves_nothing_at_home_nor_among_temporary_files(
-    recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.fixture(scope="module")
+def screenshot(
+    recording: Path, tmp_path_factory: pytest.TempPathFactory
+) -> tuple[Path, list[Path]]:
+    """Of the map, which takes a viewer some ten seconds to draw; and what it left at home and among
+    temporary files."""
     if reason := why_no_viewer():
         pytest.skip(reason)
-    home, temporary = tmp_path / "home", tmp_path / "tmp"
+    place = tmp_path_factory.mktemp("screenshot")
+    home, temporary = place / "home", place / "tmp"
     home.mkdir()
     temporary.mkdir()
-    for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))  # of graphics drivers
-    monkeypatch.setenv("HOME", str(home))
-    monkeypatch.setenv("TMPDIR", str(temporary))
-    monkeypatch.setattr("tempfile.tempdir", None)
-    render_screenshot(recording, tmp_path / "map.png")
-    assert [*home.rglob("*"), *temporary.rglob("*")] == []
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        for name in ("XDG_CONFIG_HOME", "XDG_DATA_HOME"):
+            monkeypatch.delenv(name, raising=False)
+        monkeypatch.setenv("XDG_CACHE_HOME", str(place / "cache"))  # of graphics drivers
+        monkeypatch.setenv("HOME", str(home))
+        monkeypatch.setenv("TMPDIR", str(temporary))
+        monkeypatch.setattr("tempfile.tempdir", None)
+        render_screenshot(recording, place / "map.png", MAP)
+    return place / "map.png", [*home.rglob("*"), *temporary.rglob("*")]
 
 
-def test_the_map_looks_like_the_map(recording: Path, tmp_path: Path) -> None:
-    if reason := why_no_viewer():
-        pytest.skip(reason)
-    picture = tmp_path / "map.png"
-    render_screenshot(recording, picture, MAP)
+def test_a_screenshot_leaves_nothing_at_home_nor_among_temporary_files(
+    screenshot: tuple[Path, list[Path]],
+) -> None:
+    assert screenshot[1] == []
+
+
+def test_the_map_looks_like_the_map(screenshot: tuple[Path, list[Path]]) -> None:
+    picture, _ = screenshot
     image = np.asarray(cv2.imread(str(picture)), dtype=int)
     light = image.min(axis=2) > 225
     blue = (image[:, :, 0] > 150) & (image[:, :, 2] < 80)

@@ -61,7 +61,13 @@ def covered_cells(polygons: list[Polygon], raster: Raster) -> tuple[BoolArray, B
     high = low + raster.resolution_m
     boxes = shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1])
     box, polygon = shapely.STRtree(polygons).query(boxes, predicate="intersects")
-    shared = shapely.area(shapely.intersection(boxes[box], np.array(polygons)[polygon]))
+    whole = np.array(polygons)
+    shapely.prepare(whole)
+    shared = shapely.area(
+        boxes[box]
+    )  # of cells within a polygon, most of them: two to four times faster
+    rim = ~shapely.covers(whole[polygon], boxes[box])
+    shared[rim] = shapely.area(shapely.intersection(boxes[box[rim]], whole[polygon[rim]]))
     area = np.zeros(len(boxes))
     np.maximum.at(area, box, shared)
     area = area.reshape(raster.shape)
