@@ -26,7 +26,9 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> list[Message]:
     return simulated(tmp_path_factory.mktemp("from") / "log", "drive.route.max_duration_s=14")
 
 
-@pytest.mark.parametrize("protocol", ["rosbridge", "foxglove"])
+@pytest.mark.parametrize(
+    "protocol", ["rosbridge", pytest.param("foxglove", marks=pytest.mark.slow)]
+)
 def test_a_robot_behind_a_server_is_mapped(
     protocol: str, drive: list[Message], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
