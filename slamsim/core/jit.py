@@ -250,7 +250,8 @@ def _package_of(function: Callable[..., Any]) -> str:
 
 @cache
 def _announce_compilation(package: str) -> None:
-    _log.info("compiling the kernels of %s; this happens once per installation", package)
+    words = package.removeprefix("slamsim.").replace(".", " ").replace("_", " ")
+    _log.info("compiling the numeric code of %s for its first use", words)
 
 
 class _NoCollections(event.Listener):  # type: ignore[misc]

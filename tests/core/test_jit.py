@@ -197,6 +197,22 @@ def test_an_edit_costs_the_kernels_that_depend_on_it(
     assert stamps() == before
 
 
+def test_what_is_compiled_is_told_once_in_plain_words(
+    cache: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    caplog.set_level("INFO", "slamsim")
+    jit._announce_compilation.cache_clear()
+
+    def body(x: float) -> float:
+        return x
+
+    monkeypatch.setattr(body, "__module__", "slamsim.check.map_quality.entropy")
+    compiled = jit.kernel(body)
+    assert compiled(1.0) == compiled(1) == 1
+    told = [record.getMessage() for record in caplog.records]
+    assert told == ["compiling the numeric code of check map quality for its first use"]
+
+
 def test_nowhere_to_write_costs_the_cache_and_not_the_run(tmp_path: Path) -> None:
     blocked = tmp_path / "a file, not a folder"
     blocked.write_text("")
