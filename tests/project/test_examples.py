@@ -14,6 +14,7 @@ import scan_pairs
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from short_drives import cut_drives_short
 
 import slamsim.dataset
 from slamsim.core.geometry import between, compose, inverse, wrap_angle
@@ -123,6 +124,13 @@ def test_relations_place_scans_and_tell_pairs_of_both_kinds() -> None:
             np.testing.assert_allclose(found, between(poses[a], poses[b]), atol=1e-9)
 
 
+@pytest.fixture
+def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those of a data set's card, which ``test_dataset_catalogue.py`` looks at, take seconds."""
+    monkeypatch.setattr("slamsim.dataset.catalogue.figures.dataset_figures", lambda *_: ())
+
+
+@pytest.mark.usefixtures("without_figures")
 def test_the_example_learns_from_a_small_data_set(
     one_worker: WorkEngine, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -152,6 +160,7 @@ def test_a_notebook_runs_from_top_to_bottom(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    cut_drives_short(monkeypatch)
     monkeypatch.setenv("MPLBACKEND", "Agg")
     monkeypatch.setattr("matplotlib.pyplot.show", lambda: None)
     names: dict[str, object] = {"__name__": "__main__"}
@@ -223,6 +232,7 @@ def cv2_nearest(cells: NDArray[np.bool_], shape: tuple[int, int]) -> NDArray[np.
     return np.asarray(cells[np.ix_(rows.astype(int), columns.astype(int))])
 
 
+@pytest.mark.usefixtures("without_figures")
 def test_the_floor_is_asked_of_a_few_images(one_worker: WorkEngine, tmp_path: Path) -> None:
     """Far too few to learn anything: that the experiment runs to its end."""
     recipe = load_recipe("diverse_rgbd")
