@@ -18,9 +18,11 @@ from slamsim.recording import RawScans
 from slamsim.slam.laser import scan_bundle, scan_motion
 from slamsim.slam.laser.scan_beams import BeamReader
 from slamsim.slam.laser.scan_bends import BEND_FIELDS, LARGEST_BEND_PER_M, fit_bends
+from slamsim.slam.laser.scan_bundle import PRIOR_SIGMAS, Shape, ShapePull, WindowFit
 from slamsim.slam.laser.scan_equations import POSE, SHAPES, UNKNOWNS, moved_points, window_system
 from slamsim.slam.laser.scan_motion import ScanMotions, scan_motions
-from slamsim.slam.laser.scan_sweep import local_motion, moved_pieces
+from slamsim.slam.laser.scan_sweep import local_motion, moved_pieces, velocity_weights
+from slamsim.slam.laser.scan_track import LaserTrack
 from slamsim.slam.laser.scan_windows import (
     choose_windows,
     longest_ascending,
@@ -192,6 +194,56 @@ def test_motion_within_a_sweep_is_that_of_a_smooth_path() -> None:
     at = seconds[2:-2]
     np.testing.assert_allclose(motion[:, 0], 0.3 + 0.8 * at - 0.6 * at**2, atol=1e-9)
     np.testing.assert_allclose(motion[:, 1], 0.4 - 0.6 * at, atol=1e-9)
+
+
+def still_or_driving(speed_m_s: float, noise_m: float) -> tuple[LaserTrack, WindowFit]:
+    """Thirty scans of walls 2 m away, from poses as far off as they claim, by a tenth of the noise
+    a metre in radians."""
+    rng, elapsed_s = np.random.default_rng(4), np.arange(30) / 15.0
+    sigmas = noise_m * np.array([1.0, 1.0, 0.1])
+    poses = np.column_stack([speed_m_s * elapsed_s, np.zeros(30), np.zeros(30)])
+    poses[1:] = compose(poses[1:], rng.normal(0.0, sigmas, (29, 3)))
+    walls = np.zeros((4, PIECE_FIELDS))
+    walls[:, X] = 2.0
+    information = np.kron(np.eye(29), np.diag(sigmas**-2.0))
+    fit = WindowFit(
+        *(poses, information, np.zeros_like(information), np.ones(30)),
+        *(np.eye(SHAPES), np.zeros(SHAPES), np.zeros((87, SHAPES)), 1.0),
+    )
+    return LaserTrack(np.arange(30), elapsed_s, poses, (walls,) * 30, (), 0.01), fit
+
+
+def test_velocities_follow_small_steps_of_poses_as_told() -> None:
+    rng, elapsed_s = np.random.default_rng(2), np.sort(np.random.default_rng(3).uniform(0, 2, 12))
+    poses = np.cumsum(rng.normal(0.0, [0.05, 0.05, 0.01], (12, 3)), axis=0)
+    steps = rng.normal(0.0, 1e-6, (12, 3))
+    moved = local_motion(compose(poses, steps), elapsed_s) - local_motion(poses, elapsed_s)
+    expected = velocity_weights(elapsed_s) @ steps
+    np.testing.assert_allclose(moved[:, 0], expected, atol=0.2 * np.abs(expected).max())
+
+
+def test_of_a_robot_that_stands_noise_alone_tells_the_sweep() -> None:
+    """Of one that drives at v the velocities of noise d, 0.95 d / dt each, add their share."""
+    drives = scan_motion.made_up_sweep(*([one] for one in still_or_driving(0.5, 0.005)))
+    noise = np.square(0.95 * 0.005 * 15.0) * (2.0 + 0.04)
+    assert 0.6 < drives / (noise / (0.25 + noise)) < 1.6
+    assert scan_motion.made_up_sweep(*([one] for one in still_or_driving(0.0, 0.005))) > 0.6
+    assert scan_motion.made_up_sweep(*([one] for one in still_or_driving(0.5, 1e-4))) < 1e-3
+
+
+def test_what_scans_tell_less_surely_than_it_is_known_before_counts_in_part() -> None:
+    declared, nothing = Shape(0.05, 1.0, 0.0), np.zeros(SHAPES)
+
+    def doubt(sigma: float) -> float:
+        """Of angles that 40 windows find 4 sigmas too wide, be these sigmas as they may."""
+        windows = 4.0 * sigma + np.sqrt(39.0) * sigma * np.tile([1.0, -1.0], 20)
+        information = np.tile(np.diag([1.0, sigma**-2.0 / 40.0, 1.0]), (40, 1, 1))
+        pull = information @ np.array([0.0, 1.0, 0.0]) * windows[:, None]
+        return float(ShapePull(information, pull).doubts(declared, declared, nothing)[1])
+
+    surely, as_before = doubt(1e-3), doubt(float(PRIOR_SIGMAS[1]))
+    assert 1.3 < surely < 1.6  # 4 over Student's 2.7, less a 26th
+    assert as_before == pytest.approx(0.5 * 26.0 / 25.0 * surely, rel=1e-6)
 
 
 def test_pieces_move_as_their_points_do() -> None:

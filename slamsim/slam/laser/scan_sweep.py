@@ -8,7 +8,7 @@ import numpy as np
 
 from slamsim.core.geometry import between, wrap_angle
 from slamsim.core.jit import kernel
-from slamsim.core.types import FloatArray
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.slam.matching.local_map import move_piece
 from slamsim.slam.matching.surfaces import X, Y
 
@@ -94,13 +94,30 @@ def local_motion(poses: FloatArray, elapsed_s: FloatArray) -> FloatArray:
     return motion
 
 
+def velocity_weights(elapsed_s: FloatArray) -> FloatArray:
+    """(n, n) what a small step of each pose adds to each first derivative of ``local_motion``."""
+    weights = np.zeros((len(elapsed_s),) * 2)
+    for reach, ends in ((1, 0), (2, 2)):
+        here = np.arange(ends, len(elapsed_s) - ends)
+        others, powers = _around(elapsed_s, reach)
+        weights[here] = 0.0
+        weights[here[:, None], others[here]] = np.linalg.inv(powers[here])[:, 0]
+    weights -= np.diag(weights.sum(axis=1))
+    return weights
+
+
 def _by_neighbours(poses: FloatArray, elapsed_s: FloatArray, reach: int) -> FloatArray:
     """The same from ``reach`` neighbours on either side, of as many others at the ends."""
-    here, around = np.arange(len(poses)), np.arange(-reach, reach + 1)
-    middle = np.clip(here, reach, len(poses) - 1 - reach)
+    others, powers = _around(elapsed_s, reach)
+    return np.asarray(np.linalg.solve(powers, between(poses[:, None], poses[others])))[:, :2]
+
+
+def _around(elapsed_s: FloatArray, reach: int) -> tuple[IntArray, FloatArray]:
+    """(n, 2 reach) the neighbours of each pose, and (n, 2 reach, 2 reach) the powers of the time to
+    them that the derivatives of a polynomial are multiplied by."""
+    here, around = np.arange(len(elapsed_s)), np.arange(-reach, reach + 1)
+    middle = np.clip(here, reach, len(elapsed_s) - 1 - reach)
     window = middle[:, None] + around
     others = window[window != here[:, None]].reshape(-1, 2 * reach)
-    steps = between(poses[:, None], poses[others])
     after = elapsed_s[others] - elapsed_s[:, None]
-    powers = after[..., None] ** np.arange(1, 2 * reach + 1)
-    return np.asarray(np.linalg.solve(powers, steps))[:, :2]
+    return others, after[..., None] ** np.arange(1, 2 * reach + 1)
