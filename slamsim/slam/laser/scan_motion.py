@@ -15,6 +15,8 @@ from slamsim.core.types import BoolArray, FloatArray, IntArray
 from slamsim.recording import RawScans
 from slamsim.slam.laser.scan_beams import BeamReader
 from slamsim.slam.laser.scan_bundle import (
+    LEAST_LEFT,
+    MADE_UP_TIMES,
     Shape,
     ShapePull,
     WindowFit,
@@ -200,9 +202,8 @@ def _fit(
     shape = declared = Shape(reader.declared_sweep_s, 1.0, 0.0)
     pull, free = ShapePull.of(fits), np.zeros(SHAPES, dtype=np.bool_)
     for _ in range(MAX_PASSES):
-        doubts = np.where(
-            free, 0.0, pull.doubts(shape, declared, _unmodelled(shape, reader, tracks, fits))
-        )
+        unmodelled = _unmodelled(shape, reader, pull, (tracks, fits))
+        doubts = np.where(free, 0.0, pull.doubts(shape, declared, unmodelled))
         free |= (doubts > 1.0) & (doubts == doubts.max())
         step = pull.step(free)
         if pull.still(step):
@@ -223,7 +224,7 @@ def _motions(
 ) -> ScanMotions:
     given_up = shape.numbers != np.array([reader.declared_sweep_s, 1.0, 0.0])
     best = shape.moved(np.where(given_up, pull.step(given_up), pull.step()))
-    sigmas = np.hypot(pull.sigmas(), _unmodelled(best, reader, *windows))
+    sigmas = np.hypot(pull.sigmas(), _unmodelled(best, reader, pull, windows))
     unit = reader.metres_per_unit
     return ScanMotions(
         topic=scans.topic,
@@ -244,12 +245,18 @@ def _motions(
 
 
 def _unmodelled(
-    shape: Shape, reader: BeamReader, tracks: list[LaserTrack], fits: list[WindowFit]
+    shape: Shape,
+    reader: BeamReader,
+    pull: ShapePull,
+    windows: tuple[list[LaserTrack], list[WindowFit]],
 ) -> FloatArray:
-    """(3,) standard deviation of the numbers of a shape beyond what noise makes."""
+    """(3,) standard deviation of the numbers of a shape beyond what noise makes, and of the sweep
+    what noise of the velocities adds, as lines add to poses."""
+    sigma_s, left = float(pull.sigmas()[0]), 1.0 - MADE_UP_TIMES * made_up_sweep(*windows)
+    by_velocities = np.sqrt(1.0 / max(left, LEAST_LEFT) - 1.0) * sigma_s if left < 1.0 else 0.0
     return np.array(
         [
-            (UNMODELLED_SWEEP + made_up_sweep(tracks, fits)) * shape.sweep_s,
+            np.hypot(UNMODELLED_SWEEP * shape.sweep_s, by_velocities),
             UNMODELLED_ANGLE + ANGLE_BY_ROUNDING_PER_M * reader.rounding_m,
             UNMODELLED_M + OFFSET_BY_ROUNDING * reader.rounding_m,
         ]
@@ -257,8 +264,8 @@ def _unmodelled(
 
 
 def made_up_sweep(tracks: list[LaserTrack], fits: list[WindowFit]) -> float:
-    """Share of what tells the sweep that is noise of the velocities: so much too short it comes
-    out, as any slope does by errors of what it is a slope over (attenuation, Fuller 1987)."""
+    """Share of what tells the sweep that is noise of the velocities: it makes sweeps too short, as
+    it does any slope over what is not exactly known (attenuation, Fuller 1987)."""
     told = made_up = 0.0
     for track, fit in zip(tracks, fits, strict=True):
         lever_m = float(np.median(np.hypot(*np.concatenate(track.pieces)[:, [X, Y]].T)))
