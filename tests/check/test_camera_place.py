@@ -210,8 +210,8 @@ def test_float_depths_are_never_made_smaller_still(depth_m: float, factors: list
     assert [repair.parameters["factor"] for repair in found.repairs] == factors
 
 
-def turned(t: FloatArray) -> FloatArray:
-    return np.asarray(0.5 * np.sin(1.3 * t) + 0.2 * np.sin(3.1 * t))
+def turned(t: NDArray[np.floating[Any]]) -> FloatArray:
+    return np.asarray(0.5 * np.sin(1.3 * t) + 0.2 * np.sin(3.1 * t), np.float64)
 
 
 def panorama() -> NDArray[np.float64]:

@@ -196,21 +196,28 @@ def test_motion_within_a_sweep_is_that_of_a_smooth_path() -> None:
     np.testing.assert_allclose(motion[:, 1], 0.4 - 0.6 * at, atol=1e-9)
 
 
-def still_or_driving(speed_m_s: float, noise_m: float) -> tuple[LaserTrack, WindowFit]:
-    """Thirty scans of walls 2 m away, from poses as far off as they claim, by a tenth of the noise
-    a metre in radians."""
+def share_made_up(speed_m_s: float, noise_m: float) -> float:
+    """By thirty scans of walls 2 m away, from poses as far off as they claim, by a tenth of the
+    noise a metre in radians."""
     rng, elapsed_s = np.random.default_rng(4), np.arange(30) / 15.0
     sigmas = noise_m * np.array([1.0, 1.0, 0.1])
     poses = np.column_stack([speed_m_s * elapsed_s, np.zeros(30), np.zeros(30)])
     poses[1:] = compose(poses[1:], rng.normal(0.0, sigmas, (29, 3)))
     walls = np.zeros((4, PIECE_FIELDS))
     walls[:, X] = 2.0
-    information = np.kron(np.eye(29), np.diag(sigmas**-2.0))
+    information = np.asarray(np.kron(np.eye(29), np.diag(sigmas**-2.0)), np.float64)
     fit = WindowFit(
-        *(poses, information, np.zeros_like(information), np.ones(30)),
-        *(np.eye(SHAPES), np.zeros(SHAPES), np.zeros((87, SHAPES)), 1.0),
+        poses=poses,
+        inner=information,
+        made_up=np.zeros((87, 87)),
+        inlier_share=np.ones(30),
+        information=np.eye(SHAPES),
+        pull=np.zeros(SHAPES),
+        by_shape=np.zeros((87, SHAPES)),
+        unit=1.0,
     )
-    return LaserTrack(np.arange(30), elapsed_s, poses, (walls,) * 30, (), 0.01), fit
+    track = LaserTrack(np.arange(30), elapsed_s, poses, (walls,) * 30, (), 0.01)
+    return scan_motion.made_up_sweep([track], [fit])
 
 
 def test_velocities_follow_small_steps_of_poses_as_told() -> None:
@@ -224,11 +231,10 @@ def test_velocities_follow_small_steps_of_poses_as_told() -> None:
 
 def test_of_a_robot_that_stands_noise_alone_tells_the_sweep() -> None:
     """Of one that drives at v the velocities of noise d, 0.95 d / dt each, add their share."""
-    drives = scan_motion.made_up_sweep(*([one] for one in still_or_driving(0.5, 0.005)))
     noise = np.square(0.95 * 0.005 * 15.0) * (2.0 + 0.04)
-    assert 0.6 < drives / (noise / (0.25 + noise)) < 1.6
-    assert scan_motion.made_up_sweep(*([one] for one in still_or_driving(0.0, 0.005))) > 0.6
-    assert scan_motion.made_up_sweep(*([one] for one in still_or_driving(0.5, 1e-4))) < 1e-3
+    assert 0.6 < share_made_up(0.5, 0.005) / (noise / (0.25 + noise)) < 1.6
+    assert share_made_up(0.0, 0.005) > 0.6
+    assert share_made_up(0.5, 1e-4) < 1e-3
 
 
 def test_what_scans_tell_less_surely_than_it_is_known_before_counts_in_part() -> None:

@@ -149,11 +149,12 @@ def _crossings(
 
 def _slices(crossings: list[_Crossing], placed: _PlacedScans, late_ns: int) -> Iterator[_Slice]:
     """late_ns: by which stamps of images are later."""
-    for stamp_ns, *seen in crossings:
+    for stamp_ns, points_m, beside_m, origin_m, depths_m in crossings:
         at_ns = stamp_ns - late_ns
         surfaces = placed.at(at_ns)
         if surfaces is not None:
-            yield _Slice(*seen, *surfaces, _motion(placed.path, at_ns))
+            motion = _motion(placed.path, at_ns)
+            yield _Slice(points_m, beside_m, origin_m, depths_m, *surfaces, motion)
 
 
 def _grid_rays(depth: CameraSurvey, model: CameraModel) -> FloatArray:

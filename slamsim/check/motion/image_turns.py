@@ -227,7 +227,7 @@ class _Table:
 
     def _leant_at(self, values: FloatArray) -> FloatArray:
         """(n,) when the middle rows were exposed."""
-        return self.leant_s - values[0] + 0.5 * values[3]
+        return np.asarray(self.leant_s - values[0] + 0.5 * values[3])
 
     def _equations(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """(n, 4) of delay, gain, bias and readout, (n,) what is unexplained, (n,) weights."""

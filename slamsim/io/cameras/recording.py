@@ -37,10 +37,9 @@ class RecordedCameras(Cameras):
         try:
             images, infos = _wanted(self._bag, truth, RAW, PACKED), _wanted(self._bag, truth, INFO)
             look = _FirstLook(self._bag, (*images, *infos))
-            infos = _by_image(look.topics, look.claims)
-            unread = dict(look.unread)
-            shutters = _with_shutters(infos, custom_data(self._bag), unread)
-            super().__init__(path, look.topics, shutters, unread)
+            claims, unread = _by_image(look.topics, look.claims), dict(look.unread)
+            claims = _with_shutters(claims, custom_data(self._bag), unread)
+            super().__init__(path, look.topics, claims, unread)
         except BaseException:
             self._bag.__exit__()
             raise
