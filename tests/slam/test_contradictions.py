@@ -150,11 +150,14 @@ def test_a_run_after_one_that_was_carried_to_is_not_held_against_the_map_from_be
     assert solution.solved == bool(carried_to)
 
 
+@pytest.mark.parametrize("held", [0, 2])
 def test_a_run_on_new_ground_stays_where_odometry_has_it_though_the_robot_may_have_been_carried(
-    monkeypatch: pytest.MonkeyPatch,
+    held: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """As on a slope, where scans contradict those of just before: that is told all the same."""
+    """As on a slope, where scans contradict those of just before: that is told all the same. Where
+    it lies in a map that is held is unknown."""
     end, parts = BackEnd(SlamConfig()), Parts()
+    monkeypatch.setattr(end, "_held", held)
     for begin in (4, 9):
         parts.begin(begin, linked=True)
     monkeypatch.setattr(end, "_solution", Joined(parts, 14))
@@ -163,5 +166,6 @@ def test_a_run_on_new_ground_stays_where_odometry_has_it_though_the_robot_may_ha
     monkeypatch.setattr(end._search, "within_reach", lambda _: [])
     monkeypatch.setattr(back_end, "Usual", lambda *_: AsUsual(0.0, rough=(9,)))
     end._settle()
-    assert parts.carried_to == () and parts.loose == 0
+    assert parts.carried_to == ((9,) if held else ())
+    assert parts.loose == (1 if held else 0)
     assert parts.withdrawn == {4}

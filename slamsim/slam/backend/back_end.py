@@ -333,7 +333,8 @@ class BackEnd:
         They do unless what was seen anywhere on the run contradicts the map where odometry puts it:
         then the robot was carried. If only what was seen on the metres after contradicts what was
         seen before, it may have been: that is told, and the run stays where odometry has it, on new
-        ground. A slope does the same to scans, and what is set apart is lost to the map.
+        ground. A slope does the same to scans, and what is set apart is lost to the map. In a map
+        that is held a guess is of no use: there it is unknown where such a run lies.
         """
         parts, count = self._solution.parts, len(self.keyframes)
         undecided = parts.open_between(0, count)
@@ -341,10 +342,12 @@ class BackEnd:
         for begin in undecided:
             if self._contradicts_map(begin, usual):
                 self._solution.loosen(begin)
-            elif usual.is_carried_to(begin):
-                parts.leave(begin)
-            else:
+            elif not usual.is_carried_to(begin):
                 parts.withdraw(begin)
+            elif self._held:
+                self._solution.loosen(begin)
+            else:
+                parts.leave(begin)
         self._lose_odometry(parts.carried_to)
         if set(undecided).intersection(parts.carried_to):
             self._solution.solve()
