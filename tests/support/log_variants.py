@@ -60,8 +60,11 @@ class Variant:
 
     def scores(self, slam: SlamResult, log: Log, relations: Relations) -> RelationScores:
         """Errors of the relations between scans that were kept. log: as it was."""
-        middles_ns = np.array([_middle_ns(scan) for scan in self._kept(list(log.scans))])
-        kept = _is_near(relations.from_ns, middles_ns) & _is_near(relations.to_ns, middles_ns)
+        scans = list(log.scans)
+        middles_ns = np.array([_middle_ns(scan) for scan in scans])
+        kept_ns = np.array([_middle_ns(scan) for scan in self._kept(scans)])
+        ends = (_nearest(middles_ns, at) for at in (relations.from_ns, relations.to_ns))
+        kept = np.all([np.isin(middles_ns[end], kept_ns) for end in ends], axis=0)
         ends_ns = (relations.from_ns[kept], relations.to_ns[kept])
         if self.backward:
             ends_ns = (_sum_ns(log) - ends_ns[0], _sum_ns(log) - ends_ns[1])
@@ -122,13 +125,11 @@ def _sum_ns(log: Log) -> int:
     return int(_middle_ns(scans[0]) + _middle_ns(scans[-1]))
 
 
-def _is_near(
-    wanted_ns: IntArray, stamps_ns: IntArray
-) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    """(n,) whether a scan was taken within 20 ms, less than the time between two of any laser."""
+def _nearest(stamps_ns: IntArray, wanted_ns: IntArray) -> IntArray:
+    """(n,) which of the stamps is nearest to each."""
     after = np.clip(np.searchsorted(stamps_ns, wanted_ns), 1, len(stamps_ns) - 1)
-    apart = np.abs(np.stack([stamps_ns[after - 1], stamps_ns[after]]) - wanted_ns)
-    return np.asarray(apart.min(axis=0) < 20_000_000)
+    is_before = wanted_ns - stamps_ns[after - 1] < stamps_ns[after] - wanted_ns
+    return np.asarray(after - is_before, np.int64)
 
 
 def _main() -> None:
