@@ -18,7 +18,7 @@ from slamsim.recording import RawScans
 from slamsim.slam.laser import scan_bundle, scan_motion
 from slamsim.slam.laser.scan_beams import BeamReader
 from slamsim.slam.laser.scan_bends import BEND_FIELDS, LARGEST_BEND_PER_M, fit_bends
-from slamsim.slam.laser.scan_bundle import PRIOR_SIGMAS, Shape, ShapePull, WindowFit
+from slamsim.slam.laser.scan_bundle import SHAPE_PRIOR_SIGMAS, Shape, ShapePull, WindowFit
 from slamsim.slam.laser.scan_equations import POSE, SHAPES, UNKNOWNS, moved_points, window_system
 from slamsim.slam.laser.scan_motion import ScanMotions, scan_motions
 from slamsim.slam.laser.scan_sweep import local_motion, moved_pieces, velocity_weights
@@ -247,7 +247,7 @@ def test_what_scans_tell_less_surely_than_it_is_known_before_counts_in_part() ->
         pull = information @ np.array([0.0, 1.0, 0.0]) * windows[:, None]
         return float(ShapePull(information, pull).doubts(declared, declared, nothing)[1])
 
-    surely, as_before = doubt(1e-3), doubt(float(PRIOR_SIGMAS[1]))
+    surely, as_before = doubt(1e-3), doubt(float(SHAPE_PRIOR_SIGMAS[1]))
     assert 1.3 < surely < 1.6  # 4 over Student's 2.7, less a 26th
     assert as_before == pytest.approx(0.5 * 26.0 / 25.0 * surely, rel=1e-6)
 

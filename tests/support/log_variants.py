@@ -12,7 +12,6 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -20,7 +19,7 @@ import numpy as np
 
 from slamsim.config.slam import SlamConfig
 from slamsim.core.result import SlamResult
-from slamsim.core.types import IntArray, Log, PlanarTrajectory, Scan
+from slamsim.core.types import Log, PlanarTrajectory, Scan
 from slamsim.evaluate.relations import RelationScores, score_relations
 from slamsim.io.open import read_log
 from slamsim.io.text.relations import Relations, read_relations
@@ -42,8 +41,9 @@ class Variant:
     noise_m: float = 0.0
 
     def of(self, log: Log) -> Log:
-        """The log so. Only of scans and odometry, as of CARMEN."""
+        """The log so. Only of odometry and of scans without beam times, as of CARMEN."""
         assert log.imu is None and log.encoders is None and log.odometry is not None
+        assert not any(scan.geometry.beam_dt_ns for scan in log.scans)
         rng = np.random.default_rng(7)
         scans = [self._noisier(scan, rng) for scan in self._kept(list(log.scans))]
         odometry, T_base_laser = log.odometry, log.T_base_laser
@@ -56,20 +56,18 @@ class Variant:
             sum_ns = _sum_ns(log)
             scans = [_backward(scan, sum_ns) for scan in scans[::-1]]
             odometry = PlanarTrajectory(sum_ns - odometry.stamps_ns[::-1], odometry.poses[::-1])
-        return replace(log, scans=_Scans(scans), odometry=odometry, T_base_laser=T_base_laser)
+        return replace(log, scans=scans, odometry=odometry, T_base_laser=T_base_laser)
 
     def scores(self, slam: SlamResult, log: Log, relations: Relations) -> RelationScores:
         """Errors of the relations between scans that were kept. log: as it was."""
-        scans = list(log.scans)
-        middles_ns = np.array([_middle_ns(scan) for scan in scans])
-        kept_ns = np.array([_middle_ns(scan) for scan in self._kept(scans)])
-        ends = (_nearest(middles_ns, at) for at in (relations.from_ns, relations.to_ns))
-        kept = np.all([np.isin(middles_ns[end], kept_ns) for end in ends], axis=0)
-        ends_ns = (relations.from_ns[kept], relations.to_ns[kept])
+        kept_ns = np.array([scan.stamp_ns for scan in self._kept(list(log.scans))])
+        ends_ns = np.stack([relations.from_ns, relations.to_ns])
+        kept = np.isin(ends_ns, kept_ns).all(axis=0)
         if self.backward:
-            ends_ns = (_sum_ns(log) - ends_ns[0], _sum_ns(log) - ends_ns[1])
+            ends_ns = _sum_ns(log) - ends_ns
         T_from_to = relations.planar[kept] * (MIRROR if self.mirrored else 1.0)
-        return score_relations(slam.trajectory, *ends_ns, T_from_to)
+        from_ns, to_ns = ends_ns[:, kept]
+        return score_relations(slam.trajectory, from_ns, to_ns, T_from_to)
 
     def _kept(self, scans: list[Scan]) -> list[Scan]:
         scans = scans[:: self.keep]
@@ -85,17 +83,6 @@ class Variant:
         return replace(scan, ranges_m=np.where(measured, noisy_m, scan.ranges_m).astype(np.float32))
 
 
-@dataclass(frozen=True)
-class _Scans:
-    scans: list[Scan]
-
-    def __len__(self) -> int:
-        return len(self.scans)
-
-    def __iter__(self) -> Iterator[Scan]:
-        return iter(self.scans)
-
-
 def _mirrored(scan: Scan) -> Scan:
     """Beams in the order in which they fired, now clockwise."""
     of = scan.geometry
@@ -109,27 +96,16 @@ def _backward(scan: Scan, sum_ns: int) -> Scan:
     last_rad = of.angle_min_rad + (of.beam_count - 1) * of.angle_step_rad
     return replace(
         scan,
-        stamp_ns=sum_ns - scan.stamp_ns - of.duration_ns,
+        stamp_ns=sum_ns - scan.stamp_ns,
         geometry=replace(of, angle_min_rad=last_rad, angle_step_rad=-of.angle_step_rad),
         ranges_m=scan.ranges_m[::-1].copy(),
     )
 
 
-def _middle_ns(scan: Scan) -> int:
-    return scan.stamp_ns + scan.geometry.duration_ns // 2
-
-
 def _sum_ns(log: Log) -> int:
     """Of a stamp and the same one backward."""
     scans = list(log.scans)
-    return int(_middle_ns(scans[0]) + _middle_ns(scans[-1]))
-
-
-def _nearest(stamps_ns: IntArray, wanted_ns: IntArray) -> IntArray:
-    """(n,) which of the stamps is nearest to each."""
-    after = np.clip(np.searchsorted(stamps_ns, wanted_ns), 1, len(stamps_ns) - 1)
-    is_before = wanted_ns - stamps_ns[after - 1] < stamps_ns[after] - wanted_ns
-    return np.asarray(after - is_before, np.int64)
+    return scans[0].stamp_ns + scans[-1].stamp_ns
 
 
 def _main() -> None:

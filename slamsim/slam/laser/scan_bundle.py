@@ -18,8 +18,7 @@ from slamsim.core.result import GraphEdge
 from slamsim.core.types import BoolArray, FloatArray, IntArray
 from slamsim.models.line_bundle import fit_lines
 from slamsim.slam.backend.association import Shared, share_surfaces
-from slamsim.slam.laser import calibration
-from slamsim.slam.laser.calibration import ANGLE_SCALE, RANGE_OFFSET, SWEEP
+from slamsim.slam.laser.calibration import ANGLE_SCALE, PRIOR_SIGMAS, RANGE_OFFSET, SWEEP
 from slamsim.slam.laser.scan_bends import bent_residuals, fit_bends
 from slamsim.slam.laser.scan_equations import POSE, SHAPES, moved_points, window_system
 from slamsim.slam.laser.scan_observations import Observations, observations
@@ -49,7 +48,7 @@ by so many seconds, by such a share of the angle, or by so many metres: poses fe
 lidar in ten is wrong by the priors of ``calibration``, the number found is then nearer to the truth
 on average than the declared one. What the scans tell less surely than these priors counts in
 part: with few beams and 5 cm steps an offset of 4 cm also bent the angles, by 2.8 +- 0.7 %."""
-PRIOR_SIGMAS = calibration.PRIOR_SIGMAS[[SWEEP, ANGLE_SCALE, RANGE_OFFSET]]
+SHAPE_PRIOR_SIGMAS = PRIOR_SIGMAS[[SWEEP, ANGLE_SCALE, RANGE_OFFSET]]
 
 MADE_UP_TIMES, LEAST_LEFT = 4.0, 1e-3
 """Information of which a quarter is made up is not believed at all, but for this share."""
@@ -148,7 +147,7 @@ class ShapePull:
         sigmas = np.hypot(self.sigmas(), unmodelled)
         allowed = np.maximum(as_sure_as(OTHER_SIGMAS, len(self.pull)) * sigmas, OTHER_SHAPE)
         off = np.abs(shape.numbers + self.step() - declared.numbers)
-        believed = PRIOR_SIGMAS**2 / (PRIOR_SIGMAS**2 + sigmas**2)
+        believed = SHAPE_PRIOR_SIGMAS**2 / (SHAPE_PRIOR_SIGMAS**2 + sigmas**2)
         return np.asarray(believed * off / allowed)
 
     def still(self, step: FloatArray) -> bool:
