@@ -21,10 +21,18 @@ from slamsim.check.motion.image_turns import TurnFit, fit_turns, seen_turns
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.questions.cameras.colours import likeness
 from slamsim.check.questions.cameras.depth import check_unit
+from slamsim.check.questions.cameras.place import before_the_axle_m
 from slamsim.check.questions.cameras.shutter import check_shutter
 from slamsim.core.geometry import matrix_from_rpy, se3_from_parts, xyzw_from_yaw
 from slamsim.core.types import FloatArray, IntArray
-from slamsim.recording import RawImu, RawOdometry, RawScans, Recording, ScanLayout
+from slamsim.recording import (
+    RawImu,
+    RawOdometry,
+    RawScans,
+    Recording,
+    ScanLayout,
+    TransformEdge,
+)
 from slamsim.recording.repairs.apply import apply_repairs
 
 R_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -361,6 +369,46 @@ def test_a_robot_that_stands_turns_nothing() -> None:
     camera = turning_images(0.0, 0.0, 1.0)
     still = replace(camera, thumbnails=np.repeat(camera.thumbnails[:1], len(camera), axis=0))
     assert turn_fit(still) is None
+
+
+def test_features_of_noise_tell_no_turn() -> None:
+    """Noise is everywhere alike from image to image, and seems to stand still."""
+    camera = turning_images(0.0, 0.0, 1.0)
+    rng = np.random.default_rng(7)
+    dim = 90.0 + 0.02 * camera.thumbnails.astype(float)
+    noisy = np.rint(dim + rng.normal(0.0, 4.0, dim.shape)).astype(np.uint8)
+    assert turn_fit(replace(camera, thumbnails=noisy)) is None
+
+
+@pytest.mark.parametrize(
+    "rpy_deg", [(0.0, 0.0, 90.0), (0.0, 0.0, -100.0), (0.0, -90.0, 0.0), (0.0, 90.0, 0.0)]
+)
+def test_a_camera_that_looks_across_the_way_or_straight_up_tells_no_turn(
+    rpy_deg: tuple[float, float, float],
+) -> None:
+    """What is driven moves all that it sees to one side, as a turn does, or about its middle."""
+    camera = turning_images(0.0, 0.0, 1.0)
+    few = camera.selected(np.arange(20))
+    assert few.claim is not None
+    R = matrix_from_rpy(*np.radians(rpy_deg)) @ R_OPTICAL
+    ahead, there = (seen_turns(few, few.claim.model(), each).pair.size for each in (R_OPTICAL, R))
+    # In the corners of an image of what is straight above some things are less steep.
+    assert there < 0.3 * ahead
+
+
+@pytest.mark.parametrize(("yaw_deg", "wanted_m"), [(0.0, -0.4), (180.0, 0.4), (90.0, 0.1)])
+def test_a_camera_behind_the_axle_that_looks_ahead_turns_less(
+    yaw_deg: float, wanted_m: float
+) -> None:
+    camera = turning_images(0.0, 0.0, 1.0)
+    quat_xyzw = xyzw_from_yaw(np.radians([yaw_deg])), np.array([[-0.5, 0.5, -0.5, 0.5]])
+    place_m, none_m, at_ns = np.array([[-0.4, 0.1, 0.3]]), np.zeros((1, 3)), np.zeros(1, np.int64)
+    edges = (
+        TransformEdge("/tf_static", "base_link", "mount", True, at_ns, None, place_m, quat_xyzw[0]),
+        TransformEdge("/tf_static", "mount", "camera", True, at_ns, None, none_m, quat_xyzw[1]),
+    )
+    evidence = RecordingEvidence(replace(turning_recording(camera), transforms=edges))
+    assert before_the_axle_m(evidence, camera) == pytest.approx(wanted_m)
 
 
 @pytest.mark.parametrize("is_swapped", [False, True])

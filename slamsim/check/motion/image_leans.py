@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from slamsim.cameras.lens import CameraModel
 from slamsim.cameras.survey import CameraSurvey
+from slamsim.check.motion.robust import tukey_weights
 from slamsim.core.geometry import wrap_angle
 from slamsim.core.types import FloatArray, IntArray
 
@@ -31,7 +32,8 @@ _DOWN = 0.5
 one instant."""
 _BLOCK_S, _FEWEST_BLOCKS = 2.0, 6
 """Images of one view have the lean of that view in common: views count, not images."""
-_TUKEY, _ROUNDS = 4.0, 15
+_LEAST_SCATTER_RAD = 1e-6
+_ROUNDS = 15
 _LEAST_SIGMA_S = 1e-4
 """A tenth of a pixel of lean at 1 rad/s in images of 1000 rows: no estimate is surer."""
 
@@ -114,8 +116,7 @@ def fit_readout(
         inverse = np.linalg.pinv(by.T @ A)
         values = inverse @ (by.T @ leans_rad)
         apart = leans_rad - A @ values
-        scale = max(1.4826 * float(np.median(np.abs(apart))), 1e-6)
-        weight = np.square(np.maximum(1.0 - np.square(apart / (_TUKEY * scale)), 0.0))
+        weight = tukey_weights(apart, _LEAST_SCATTER_RAD)
     scores = np.zeros((count, 2))
     np.add.at(scores, block, A * (weight * apart)[:, None])
     covariance = inverse @ (scores.T @ scores) @ inverse * (count / (count - 2.0))

@@ -103,7 +103,7 @@ _LIMIT_BY_TURNS_MS = 30.0
 _PARALLAX_S = 8e-3
 """Where one side is nearer than the other what is driven looks like a turn, and a robot drives as
 it begins and ends to turn: 4 to 12 ms in healthy drives."""
-_USUAL_DISTANCE_M, _GAIN_FLOOR = 1.5, 0.02
+USUAL_DISTANCE_M, _GAIN_FLOOR = 1.5, 0.02
 _R_LEVEL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 """Of an optical frame that looks ahead."""
 
@@ -184,10 +184,11 @@ def _turns(evidence: RecordingEvidence, camera: CameraSurvey, fit: TurnFit) -> I
     )
     T_base_camera = evidence.frames.between(evidence.base, camera.frame_id)
     lever_m = 0.1 if T_base_camera is None else float(np.hypot(*T_base_camera[:2, 3]))
-    # A camera before the axle moves sideways in turns: what is near seems to turn faster.
-    by_lever = lever_m / _USUAL_DISTANCE_M
-    gain = fit.gain[0] - by_lever
-    sigma = float(np.sqrt(fit.gain[1] ** 2 + (0.5 * by_lever) ** 2 + _GAIN_FLOOR**2))
+    by_lever = 0.5 * lever_m / USUAL_DISTANCE_M
+    # A camera before the axle moves sideways in turns: what is near seems to turn faster; behind
+    # it, slower.
+    gain = fit.gain[0] - before_the_axle_m(evidence, camera) / USUAL_DISTANCE_M
+    sigma = float(np.linalg.norm([fit.gain[1], by_lever, _GAIN_FLOOR]))
     yield judge(
         TURNS,
         camera.topic,
@@ -195,6 +196,15 @@ def _turns(evidence: RecordingEvidence, camera: CameraSurvey, fit: TurnFit) -> I
         Measurement(100.0 * gain, 100.0 * sigma, "%"),
         advice="Calibrate the camera at the size and mode in which it records.",
     )
+
+
+def before_the_axle_m(evidence: RecordingEvidence, camera: CameraSurvey) -> float:
+    """How far a camera sits from the base to where it looks."""
+    T_base_camera = evidence.frames.between(evidence.base, camera.frame_id)
+    if T_base_camera is None:
+        return 0.0
+    ahead, place_m = T_base_camera[:2, 2], T_base_camera[:2, 3]
+    return float(ahead @ place_m) / max(float(np.hypot(*ahead)), 1e-9)
 
 
 def slice_fit(evidence: RecordingEvidence, depth: CameraSurvey) -> tuple[SliceFit | None, str]:

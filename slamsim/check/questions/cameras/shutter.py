@@ -11,17 +11,22 @@ from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding, Measurement
 from slamsim.check.motion.integrated import IntegratedMotion, integrated_gyro
 from slamsim.check.question import FaultKind, Question, judge, unanswered
-from slamsim.check.questions.cameras.place import turn_fit
+from slamsim.check.questions.cameras.place import (
+    USUAL_DISTANCE_M,
+    before_the_axle_m,
+    turn_fit,
+)
 from slamsim.core.types import FloatArray
 from slamsim.recording.repairs.base import Repair
 
 MAX_READOUT_OFF_MS = 8.0
 """At 1 rad/s the last row is then half a degree beside where it is taken to be: 4 pixels of an
 image of 640 that sees 69 degrees."""
-_USUAL_DISTANCE_M = 1.5
-"""A camera before the axle moves sideways in turns, by which what is near seems to turn faster."""
 _FLOOR_MS = 1.5
 """What the fit does not know of. Global shutters of simulated robots measured as 1 to 2 ms."""
+_LEAST_SEEN = 0.5
+"""Of a turn, by a camera behind the axle that looks ahead: of more than half of it nothing can be
+told, for how far away things are is not known."""
 _SWAY_S, _STEP_S = 2.0, 0.05
 """A tilt is told against what it was before and after: so long a turn lasts, and a gyroscope's bias
 adds nothing."""
@@ -57,12 +62,13 @@ def _asked(evidence: RecordingEvidence, camera: CameraSurvey) -> Finding:
         return unanswered(SHUTTER, camera.topic, reason or few)
     assert camera.claim is not None
     claimed_s = camera.claim.readout_s
-    by_lever = _before_the_axle_m(evidence, camera) / _USUAL_DISTANCE_M
+    by_lever = before_the_axle_m(evidence, camera) / USUAL_DISTANCE_M
     tall_rad = camera.claim.image_size[1] / float(camera.claim.model().focal_px[1])
     by_tilt_s = tall_rad * _tilt_per_turn_s(evidence, camera)
-    readout_s = (fit.readout_s[0] - by_tilt_s) / (1.0 + by_lever)
+    seen_share = max(1.0 + by_lever, _LEAST_SEEN)
+    readout_s = (fit.readout_s[0] - by_tilt_s) / seen_share
     off_s = readout_s - (claimed_s or 0.0)
-    by_others_s = 0.5 * by_lever * readout_s, 0.5 * by_tilt_s
+    by_others_s = 0.5 * by_lever * readout_s / seen_share, 0.5 * by_tilt_s
     unsure_s = fit.readout_s[1], *by_others_s, 1e-3 * _FLOOR_MS
     fast_rad_s = float(np.quantile(np.abs(fit.turns_rad_s), _FAST))
     beside_px = abs(off_s) * fast_rad_s * float(camera.claim.model().focal_px[0])
@@ -114,12 +120,3 @@ def _tilt_per_turn_s(evidence: RecordingEvidence, camera: CameraSurvey) -> float
     rates_rad_s = (turn.at(at_s + half_s) - turn.at(at_s - half_s))[:, 0] / _STEP_S
     A = np.column_stack([rates_rad_s, beside(turn), np.ones(at_s.size)])
     return float(np.linalg.lstsq(A, beside(tilt), rcond=1e-9)[0][0])
-
-
-def _before_the_axle_m(evidence: RecordingEvidence, camera: CameraSurvey) -> float:
-    """How far a camera sits from the base to where it looks."""
-    T_base_camera = evidence.frames.between(evidence.base, camera.frame_id)
-    if T_base_camera is None:
-        return 0.0
-    ahead, place_m = T_base_camera[:2, 2], T_base_camera[:2, 3]
-    return float(ahead @ place_m) / max(float(np.hypot(*ahead)), 1e-9)
