@@ -23,6 +23,7 @@ from slamsim.check.questions.cameras.colours import likeness
 from slamsim.check.questions.cameras.depth import check_unit
 from slamsim.check.questions.cameras.place import before_the_axle_m
 from slamsim.check.questions.cameras.shutter import check_shutter
+from slamsim.check.questions.cameras.stereo import check_stereo
 from slamsim.core.geometry import matrix_from_rpy, se3_from_parts, xyzw_from_yaw
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import (
@@ -176,6 +177,24 @@ def test_one_fit_tells_place_scale_focal_length_and_delay(
     for name, value, true, most in zip(NAMES, found.values, wanted, within, strict=True):
         assert abs(value - true) < most, (name, value, true)
     assert T_true[0, 3] == pytest.approx(0.1 + place[0])
+
+
+def test_a_depth_camera_on_its_side_is_measured_like_one_that_stands() -> None:
+    """With noise of its depths, by which alone rows would cross the height of the lidar."""
+    depth, T = seen_from(0.1, 0.0, 0.0, 1.0, 0.0)
+    assert depth.claim is not None
+    rng = np.random.default_rng(3)
+    noise = 1.0 + rng.normal(0.0, 0.01, depth.grids_m.shape)
+    grids_m = np.rot90(depth.grids_m * noise, axes=(1, 2)).astype(np.float32)
+    K = depth.claim.K.copy()
+    K[:2, 2] = K[1::-1, 2]
+    claim = replace(depth.claim, width=HEIGHT, height=WIDTH, K=K)
+    on_its_side = replace(depth, size=(HEIGHT, WIDTH), claim=claim, grids_m=grids_m)
+    R = T[:3, :3] @ matrix_from_rpy(0.0, 0.0, np.pi / 2.0)
+    found = fitted(on_its_side, se3_from_parts(R, T[:3, 3]))
+    for name, value, sigma in zip(NAMES, found.values, found.sigmas, strict=True):
+        assert abs(value) < 0.01, name
+        assert sigma < 0.01, name
 
 
 def test_images_without_walls_at_that_height_tell_nothing() -> None:
@@ -409,6 +428,49 @@ def test_a_camera_behind_the_axle_that_looks_ahead_turns_less(
     )
     evidence = RecordingEvidence(replace(turning_recording(camera), transforms=edges))
     assert before_the_axle_m(evidence, camera) == pytest.approx(wanted_m)
+
+
+def stereo_pair(
+    disparity_px: float, centres_px: tuple[float, float], toe_in_rad: float = 0.0
+) -> Recording:
+    """Two topics that show one flat wall; what each claims of where it looks differs."""
+    around, stamps_ns = panorama(), np.arange(20) * 100_000_000
+    columns, rows = np.meshgrid(np.arange(160.0), np.arange(90.0))
+    shown = zip(("left", "right"), (0.0, disparity_px), centres_px, (0.5, -0.5), strict=True)
+    cameras = []
+    for name, shift_px, centre_px, share in shown:
+        model = pinhole(160, 90, 70.0)
+        K = model.K.copy()
+        K[0, 2] = centre_px
+        at = [rows, 3.0 * (columns + shift_px) + 200.0]
+        image = map_coordinates(around, at, order=1, mode="grid-wrap").astype(np.uint8)
+        camera = survey("grey", stamps_ns, model, thumbnails=np.tile(image, (20, 1, 1)))
+        assert camera.claim is not None
+        R = matrix_from_rpy(0.0, share * toe_in_rad, 0.0)
+        claim = replace(camera.claim, K=K, R=R)
+        cameras.append(replace(camera, topic=f"/{name}/image_raw", claim=claim))
+    return Recording("pair", "memory", cameras=tuple(cameras))
+
+
+@pytest.mark.parametrize(
+    ("disparity_px", "centres_px", "toe_in_rad", "verdict"),
+    [
+        (0.7, (79.5, 79.5), 0.0, "ok"),
+        (-0.7, (79.5, 79.5), 0.0, "fault"),
+        # Lenses that are not alike: 2 px of disparity less 5 by their principal points.
+        (-3.0, (77.0, 82.0), 0.0, "ok"),
+        (3.0, (82.0, 77.0), 0.0, "fault"),
+        # Cameras that look towards each other, as the rectification tells.
+        (-1.0, (79.5, 79.5), 0.03, "ok"),
+        (1.0, (79.5, 79.5), -0.03, "fault"),
+    ],
+)
+def test_which_image_is_left_follows_from_disparity_beyond_what_lenses_make(
+    disparity_px: float, centres_px: tuple[float, float], toe_in_rad: float, verdict: str
+) -> None:
+    pair = stereo_pair(disparity_px, centres_px, toe_in_rad)
+    (found,) = check_stereo(RecordingEvidence(pair))
+    assert found.verdict == verdict, found
 
 
 @pytest.mark.parametrize("is_swapped", [False, True])

@@ -56,8 +56,8 @@ class SliceFit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Slice:
-    """One image: points_m (n, 2) in the base at its stamp, beside_m (n, 2) their part to the right
-    of the optical axis, origin_m (2,) the camera, depths_m (n,); surfaces_m (m, 2) and normals
+    """One image: points_m (n, 2) in the base at its stamp, beside_m (n, 2) their part off the
+    optical axis, origin_m (2,) the camera, depths_m (n,); surfaces_m (m, 2) and normals
     (m, 2) of the scan there; motion of the robot (v_x, v_y, yaw rate)."""
 
     points_m: FloatArray
@@ -138,10 +138,14 @@ def _crossings(
     """Of images that are new, evenly chosen, as far as they see surfaces at the lidar's height."""
     new = np.flatnonzero(depth.is_new)
     chosen = new[:: max(-(-new.size // _MOST_IMAGES), 1)]
-    rays = _grid_rays(depth, model)
+    rays, grids_m = _grid_rays(depth, model), depth.grids_m
+    # To a camera on its side heights change along its rows: across them only noise of depths would
+    # cross the lidar's height, at depths that are chosen by that.
+    if abs(T_base_camera[2, 0]) > abs(T_base_camera[2, 1]):
+        rays, grids_m = rays.transpose(1, 0, 2), grids_m.transpose(0, 2, 1)
     found = []
     for look in chosen.tolist():
-        seen = _seen(depth.grids_m[look], rays, T_base_camera, height_m)
+        seen = _seen(grids_m[look], rays, T_base_camera, height_m)
         if seen is not None:
             found.append((int(depth.stamps_ns[depth.sampled[look]]), *seen))
     return found
@@ -169,8 +173,8 @@ def _grid_rays(depth: CameraSurvey, model: CameraModel) -> FloatArray:
 def _seen(
     grid_m: FloatArray, rays: FloatArray, T_base_camera: FloatArray, height_m: float
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray] | None:
-    """Points where surfaces cross the lidar's height: in the base, the part beside the optical
-    axis, the camera, depths."""
+    """Points where surfaces cross the lidar's height: in the base, the part off the optical axis,
+    the camera, depths."""
     in_camera = rays * grid_m[..., None]
     heights_m = in_camera @ T_base_camera[2, :3] + T_base_camera[2, 3]
     above, below = heights_m[:-1] - height_m, heights_m[1:] - height_m
@@ -184,7 +188,7 @@ def _seen(
     upper, lower = in_camera[rows, columns], in_camera[rows + 1, columns]
     points = upper + share * (lower - upper)
     R, origin = T_base_camera[:2, :3], T_base_camera[:2, 3]
-    beside = points[:, :1] * R[:, 0]
+    beside = points[:, :2] @ R[:, :2].T
     return points @ R.T + origin, beside, origin, points[:, 2]
 
 

@@ -13,6 +13,7 @@ from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding, Measurement
 from slamsim.check.question import FaultKind, Question, judge, unanswered
 from slamsim.core.types import FloatArray
+from slamsim.guard.numbers import BadNumbers
 from slamsim.recording.repairs.base import Repair
 
 MAX_APART_NS = 5_000_000
@@ -51,7 +52,7 @@ def _judged(left: CameraSurvey, right: CameraSurvey) -> Finding:
     if len(found) < _FEWEST_PAIRS:
         return unanswered(STEREO, subject, f"too few images of it and {right.topic} fit each other")
     scale = left.size[0] / left.thumbnails.shape[2]
-    shifts = scale * np.array(found)
+    shifts = scale * np.array(found) - (_ahead_px(left) - _ahead_px(right))
     sigma = max(float(shifts.std(ddof=1)), 0.5 * scale) / np.sqrt(len(shifts))
     mean = float(shifts.mean())
     words = f"things lie {mean:.1f} px farther to the right in it than in {right.topic}"
@@ -69,6 +70,20 @@ def _judged(left: CameraSurvey, right: CameraSurvey) -> Finding:
         repairs=[Repair("exchange_images", left.topic, {"other": right.topic})],
         advice=f"Exchange {left.topic} and {right.topic}, or the two cables.",
     )
+
+
+def _ahead_px(camera: CameraSurvey) -> float:
+    """The column in which a camera sees what lies straight ahead of the pair, infinitely far away:
+    in images that are not rectified, those of two cameras differ by as much as a near wall makes.
+    The middle where nothing tells."""
+    claim = camera.claim
+    if claim is None or claim.image_size != camera.size or "rect" in camera.topic.split("/")[-1]:
+        return 0.5 * (camera.size[0] - 1.0)
+    try:
+        pixels, seen = claim.model().project(claim.R.T[:, 2][None])
+    except BadNumbers:
+        return 0.5 * (camera.size[0] - 1.0)
+    return float(pixels[0, 0]) if seen[0] else 0.5 * (camera.size[0] - 1.0)
 
 
 def _pairs(
@@ -100,7 +115,19 @@ def disparity_px(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> float | N
         for shift in range(-_SHIFTS, _SHIFTS + 1)
     ]
     best = int(np.argmax(likeness))
-    return float(best - _SHIFTS) if likeness[best] >= _LEAST_LIKE else None
+    if likeness[best] < _LEAST_LIKE:
+        return None
+    return float(best - _SHIFTS) + _top(likeness[max(best - 1, 0) : best + 2])
+
+
+def _top(around: list[float]) -> float:
+    """Where the parabola through three values has its top, from the middle one on: lenses side by
+    side shift what is some metres away by less than a pixel of a thumbnail."""
+    if len(around) < 3:
+        return 0.0
+    before, middle, after = around
+    bend = before - 2.0 * middle + after
+    return 0.5 * (before - after) / bend if bend < 0.0 else 0.0
 
 
 def _edges(image: NDArray[np.uint8]) -> FloatArray:
