@@ -218,8 +218,9 @@ def test_only_parts_between_which_the_robot_was_carried_may_move_apart(
     odometry[half - 1] = GraphEdge(half - 1, half, T, covariance, "odometry")
     edges[half - 1] = odometry[half - 1]
     if not may:
-        with pytest.raises(NotRefined, match="moved neighbouring"):
+        with pytest.raises(NotRefined, match="moved neighbouring") as refusal:
             refine(one.views, one.truth, odometry, NOISE_M, edges)
+        assert refusal.value.bent_after == half - 1
         return
     result = refine(one.views, one.truth, odometry, NOISE_M, edges)
     step = between(result.poses[half - 1], result.poses[half])

@@ -11,6 +11,7 @@ from simulated import box, labyrinth, true_ranges
 from slamsim.core.types import Cloud, FloatArray, PlanarTrajectory, ScanGeometry
 from slamsim.slam.frontend.kidnap_detection import (
     KIDNAP_WITHIN_NS,
+    LEAST_KNOWN,
     STRANGE_SHARE,
     Sighting,
     Surroundings,
@@ -74,6 +75,37 @@ def test_scans_that_cannot_be_compared_say_nothing() -> None:
 ROOM = box(0.0, 0.0, 4.0, 3.0)
 OTHER_ROOM = box(-2.0, 0.5, 2.5, 6.0)
 HERE = np.array([1.0, 1.0, 0.0])
+
+
+def with_losses(sighting: Sighting, share: float, seed: int) -> Sighting:
+    """The same, of whose beams a share came back without a return, each for itself."""
+    cloud = sighting.cloud
+    hit = cloud.hit & (np.random.default_rng(seed).random(cloud.hit.size) >= share)
+    points_m = cloud.points_m.copy()
+    bearing_rad = np.arctan2(*points_m[~hit].T[::-1])
+    points_m[~hit] = FLASH.range_max_m * np.column_stack([np.cos(bearing_rad), np.sin(bearing_rad)])
+    return Sighting(Cloud(cloud.stamp_ns, points_m, cloud.origins_m, hit), sighting.T_map_base)
+
+
+@pytest.mark.parametrize("share", [0.05, 0.2, 0.4])
+def test_returns_that_are_lost_hide_neither_the_same_place_nor_another(share: float) -> None:
+    before = with_losses(seen(HERE, ROOM), share, 1)
+    same = with_losses(seen(HERE + np.array([0.05, 0.02, 0.03]), ROOM), share, 2)
+    assert contradiction(before, same) < 0.05
+    assert contradiction(before, with_losses(seen(HERE, OTHER_ROOM), share, 2)) > STRANGE_SHARE
+
+
+def test_a_door_that_opens_on_the_dark_is_no_lost_return() -> None:
+    """What is seen through it stood there before."""
+    hall = box(-40.0, -40.0, 40.0, 40.0)  # out of reach
+    wall = np.array([[2.0, -3.0, 2.0, -0.4], [2.0, 0.4, 2.0, 3.0]])
+    behind = np.array([[6.0, -1.0, 6.0, 1.0]])
+    still = np.zeros(3)
+    before = with_losses(seen(still, np.concatenate([hall, wall])), 0.2, 1)
+    after = with_losses(seen(still, np.concatenate([hall, wall, behind])), 0.2, 2)
+    through = after.cloud.hit & (after.cloud.points_m[:, 0] > 3.0)
+    assert through.sum() > LEAST_KNOWN
+    assert contradiction(before, after) == 0.0
 
 
 def poor_match(T_map_base: FloatArray) -> Match:

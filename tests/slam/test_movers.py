@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 from simulated import HOKUYO, box, sense_scans
 
 from slamsim.config.slam import FrontEndConfig
+from slamsim.core.geometry import between
 from slamsim.core.types import Cloud, FloatArray, PlanarTrajectory
 from slamsim.models.wheel_gyro import PARAMETERS
 from slamsim.slam.frontend.deskew import deskew
 from slamsim.slam.frontend.match_selection import MatchSelector
-from slamsim.slam.frontend.movers import WIDEST_M, _compact_things
+from slamsim.slam.frontend.movers import STANDS_S, WIDEST_M, _compact_things
 from slamsim.slam.frontend.prediction import Prediction
 from slamsim.slam.frontend.preintegration import OdometryStep
 from slamsim.slam.matching import Match
@@ -73,6 +74,38 @@ def test_what_seems_to_move_once_may_be_a_stamp_that_is_wrong() -> None:
     after = np.concatenate([CORRIDOR, person(0.8 + STEP_M)])
     match, _ = placed(after, before, STEP_M, times=1)
     assert match.T_map_base[0] < 0.5 * STEP_M, "walls would tell slip as this does"
+
+
+def seen_along(matcher: LineMatcher, ahead_m: list[float]) -> list[int]:
+    """A robot that drives STEP_M a scan in the corridor, a person so far ahead of it in each: how
+    many beams of each scan are taken to be on something that moves."""
+    selector, left_out = MatchSelector(0.55), []
+    covariance = np.diag(np.square(SIGMAS))
+    for k, ahead in enumerate(ahead_m):
+        T_before, T = np.array([STEP_M * (k - 1), 0.0, 0.0]), np.array([STEP_M * k, 0.0, 0.0])
+        whole = seen(np.concatenate([CORRIDOR, person(T[0] + ahead)]), T, k)
+        none = OdometryStep.none(np.zeros(PARAMETERS))
+        step = replace(none, T_first_last=between(T_before, T), seconds=STEP_S)
+        now_ns = 10**8 + round(1e9 * STEP_S) * k
+        here = Prediction(
+            now_ns, T, covariance, T, STEP_M * np.eye(3)[0], T_before, False, step, covariance
+        )
+        cloud = selector.standing(whole, here)
+        left_out.append(len(whole.hit) - len(cloud.hit))
+        selector.place(matcher, cloud, here, T)
+        matcher.insert(cloud, T)
+    return left_out
+
+
+def test_who_was_seen_to_walk_is_left_out_of_each_scan_until_he_stands() -> None:
+    walks = [2.0] * 30
+    stands = [2.0 - STEP_M * k for k in range(1, 51)]
+    left_out = np.array(seen_along(LineMatcher(FrontEndConfig()), [*walks, *stands]))
+    begun = int(np.flatnonzero(left_out)[0])
+    assert begun <= 6, "he is known after a few scans"
+    assert np.all(left_out[begun : len(walks)] > 10), "and is in none from then on"
+    stood_s = STEP_S * np.arange(1, 51)
+    assert np.all(left_out[len(walks) :][stood_s > STANDS_S + 3 * STEP_S] == 0)
 
 
 def test_walls_tell_that_wheels_slip() -> None:

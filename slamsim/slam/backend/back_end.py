@@ -48,6 +48,11 @@ from slamsim.slam.mapping.joints import doubtful_joints, open_loops
 
 CALIBRATION_ROUNDS = 2
 
+BENT_HERE = (
+    "all that was seen before and after would fit best if the robot had moved otherwise here than "
+    "the odometry has it: it may have been carried, and the map be torn there"
+)
+
 
 class BackEnd:
     """Takes one key frame after the other, and keeps the map in one piece.
@@ -70,7 +75,7 @@ class BackEnd:
         self._visits = Visits()
         self._held = 0
         self._suspected: list[Event] = []
-        self._unrefined = ""
+        self._refusal: NotRefined | None = None
         self.information: SurfaceInformation | None = None
         """What holds the key frames, once finished and refined."""
         self.unrefined = np.zeros((0, 3))
@@ -202,8 +207,13 @@ class BackEnd:
         """What is wrong with the finished map, and where it was driven."""
         stamps_ns = graph.keyframes.stamps_ns
         whole = (int(stamps_ns[0]), int(stamps_ns[-1]))
-        unrefined = [Event(*whole, "unrefined", self._unrefined)] if self._unrefined else []
-        torn: list[Event] = []
+        refusal, unrefined, torn = self._refusal, list[Event](), list[Event]()
+        if refusal is not None:
+            unrefined.append(Event(*whole, "unrefined", str(refusal)))
+            if (bent := refusal.bent_after) is not None:
+                torn.append(
+                    Event(int(stamps_ns[bent]), int(stamps_ns[bent + 1]), "torn", BENT_HERE)
+                )
         with self._stage("check"):
             around = self._around
             submaps, size = self._cutter.submaps, self._config.submaps
@@ -395,7 +405,7 @@ class BackEnd:
                 self.keyframes, self.poses, self._odometry_noise, noise_m, edges, held
             )
         except NotRefined as refusal:
-            self._unrefined = str(refusal)
+            self._refusal = refusal
             return None
         covariances = np.concatenate([np.zeros((held - 1, 3, 3)), information.covariances()])
         self._solution.estimate.move(poses)

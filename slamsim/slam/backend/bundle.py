@@ -71,7 +71,15 @@ MEDIAN_CHI2 = 2.0 * np.log(2.0)
 
 
 class NotRefined(SlamsimError):
-    """A bundle adjustment whose result is not to be used, and why."""
+    """A bundle adjustment whose result is not to be used, and why.
+
+    bent_after: the key frame after which the trajectory would have to be bent farthest, if it is
+    that which speaks against the result.
+    """
+
+    def __init__(self, message: str, bent_after: int | None = None) -> None:
+        super().__init__(message)
+        self.bent_after = bent_after
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -195,14 +203,15 @@ class _Bundle:
                 f"the refinement made the map less likely: cost {was:.6g} to {now:.6g}"
             )
         bent = between(between(before[:-1], before[1:]), between(after[:-1], after[1:]))
-        bent = bent[self._held - 1 :][self._driven]
-        if not len(bent):
-            return
-        bent_m, bent_rad = np.hypot(bent[:, 0], bent[:, 1]).max(), np.abs(bent[:, 2]).max()
-        if not (bent_m <= MAX_BEND_M and bent_rad <= MAX_BEND_RAD):
+        bent[: self._held - 1] = 0.0
+        bent[self._held - 1 :][~self._driven] = 0.0
+        bent_m, bent_rad = np.hypot(bent[:, 0], bent[:, 1]), np.abs(bent[:, 2])
+        excess = np.maximum(bent_m / MAX_BEND_M, bent_rad / MAX_BEND_RAD)
+        if not np.all(excess <= 1.0):
             raise NotRefined(
-                f"the refinement moved neighbouring key frames by {bent_m:.2f} m "
-                f"and {np.rad2deg(bent_rad):.1f} deg against each other"
+                f"the refinement moved neighbouring key frames by {bent_m.max():.2f} m "
+                f"and {np.rad2deg(bent_rad.max()):.1f} deg against each other",
+                bent_after=int(np.argmax(excess)),
             )
 
     def _weigh(self, poses: FloatArray) -> None:

@@ -40,6 +40,12 @@ TOLERANCE_M, TOLERANCE_SHARE = 0.1, 0.03
 SLACK_M = 0.05
 """The scans may be farther apart than the poses say by so much."""
 
+LOST_TOGETHER = 1e-3
+"""Neighbouring beams that come back so seldom by chance saw that nothing is there."""
+
+LOST_WIDTH_M = 0.4
+"""Half of a door: farther apart, two returns do not tell of the beams between them."""
+
 WIDEST_RAD = np.pi / 4.0
 LEAST_KNOWN = 12
 """Beams of each scan that must meet beams of the other before the two can be compared."""
@@ -141,14 +147,43 @@ def _share(view: Cloud, other: Cloud, T_view_other: FloatArray) -> float:
     bearing_rad, range_m = _polar(view.points_m - centre_m)
     range_m = np.where(view.hit, range_m, np.inf)
     order = np.argsort(bearing_rad, kind="stable")
+    bearing_rad, range_m = bearing_rad[order], _without_losses(bearing_rad[order], range_m[order])
     seen_rad, seen_m = _polar(transform_points(T_view_other, hits) - centre_m)
     reach_m = float(np.hypot(apart_m[0], apart_m[1])) + SLACK_M
-    known, wrong = _compare(bearing_rad[order], range_m[order], seen_rad, seen_m, reach_m)
+    known, wrong = _compare(bearing_rad, range_m, seen_rad, seen_m, reach_m)
     return wrong / known if known >= LEAST_KNOWN else np.nan
 
 
 def _polar(points_m: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.arctan2(points_m[:, 1], points_m[:, 0]), np.hypot(points_m[:, 0], points_m[:, 1])
+
+
+@kernel
+def _without_losses(bearing_rad: FloatArray, range_m: FloatArray) -> FloatArray:
+    """Ranges (n,) of sorted beams, inf without a return, in which beams between two returns of one
+    surface are on it if so many in a row are lost by chance: a lidar that loses each fifth return
+    would know of no direction, as among its neighbours there is always one that saw nothing."""
+    inner = lost = 0
+    for i in range(1, range_m.size - 1):
+        if range_m[i - 1] < np.inf and range_m[i + 1] < np.inf:
+            inner += 1
+            lost += range_m[i] == np.inf
+    if not 0 < lost < inner:
+        return range_m
+    longest = int(np.log(LOST_TOGETHER) / np.log(lost / inner))
+    filled, last = range_m.copy(), -1
+    for i in range(range_m.size):
+        if range_m[i] == np.inf:
+            continue
+        if 0 <= last < i - 1 <= last + longest:
+            turn_rad, step_m = bearing_rad[i] - bearing_rad[last], range_m[i] - range_m[last]
+            apart_m = np.hypot(step_m, min(range_m[i], range_m[last]) * turn_rad)
+            if apart_m <= LOST_WIDTH_M:
+                for k in range(last + 1, i):
+                    share = (bearing_rad[k] - bearing_rad[last]) / max(turn_rad, 1e-9)
+                    filled[k] = range_m[last] + share * step_m
+        last = i
+    return filled
 
 
 @kernel

@@ -96,6 +96,10 @@ class MatchSelector:
         self.elsewhere = False
         """Whether the last scans are of another place than those before them."""
 
+    def standing(self, cloud: Cloud, prediction: Prediction) -> Cloud:
+        """The cloud without what is known to move by itself."""
+        return self._movers.standing(cloud, prediction)
+
     def place(
         self, matcher: Matcher, cloud: Cloud, prediction: Prediction, T_map_coasting: FloatArray
     ) -> Match | None:

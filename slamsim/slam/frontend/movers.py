@@ -2,12 +2,16 @@
 
 Along a corridor the walls hold nothing, and a person who walks ahead of the robot looks as if the
 robot stood. Walls do not move and wheels seldom slip: if the scan agrees with the odometry as soon
-as one compact thing is left out, it is that thing which moves.
+as one compact thing is left out, it is that thing which moves. From then on it is followed, and is
+left out of each scan before that is matched or mapped, until it stands: a map that holds where it
+was pulls at each scan that sees it a little farther on.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
@@ -44,14 +48,87 @@ the same thing that was seen to move."""
 MOST_TRIED = 3
 """Things that most beams meet: who is as near as to blind a robot fills a tenth of its view."""
 
+STANDS_S = 1.0
+"""Who walks slower than ``SLOWEST_M_S`` for so long stands: legs stop for half a second in a
+stride, and the middle of what is seen of a person moves by less than the 0.2 m that this makes."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Sighting:
+    """Where a thing that moves was seen: time, ns, and place in the map (2,)."""
+
+    stamp_ns: int
+    place_m: FloatArray
+
+    def until(self, stamp_ns: int) -> float:
+        return (stamp_ns - self.stamp_ns) * 1e-9
+
+    def can_reach(self, place_m: FloatArray, stamp_ns: int) -> bool:
+        """Whether what was seen here can be at a place (2,) by now."""
+        reach_m = WIDEST_M + FASTEST_M_S * self.until(stamp_ns)
+        return float(np.hypot(*(place_m - self.place_m))) <= reach_m
+
+
+class _Followed:
+    """A thing that moves, as it was seen during the last ``STANDS_S``."""
+
+    def __init__(self, first: _Sighting) -> None:
+        self._seen = deque([first])
+
+    @property
+    def last(self) -> _Sighting:
+        return self._seen[-1]
+
+    def nearest(self, places_m: FloatArray, stamp_ns: int) -> int | None:
+        """Which of the places (n, 2) of things it is at; None if it can be at none."""
+        if len(places_m) == 0:
+            return None
+        first, last = self._seen[0], self.last
+        seconds = max(first.until(last.stamp_ns), 1e-9)
+        on_m = (last.place_m - first.place_m) * min(last.until(stamp_ns) / seconds, 1.0)
+        off_m = np.hypot(*(places_m - last.place_m - on_m).T)
+        nearest = int(np.argmin(off_m))
+        return nearest if last.can_reach(places_m[nearest], stamp_ns) else None
+
+    def see(self, sighting: _Sighting) -> None:
+        self._seen.append(sighting)
+        while self._seen[1].until(sighting.stamp_ns) >= STANDS_S:
+            self._seen.popleft()
+
+    @property
+    def stands(self) -> bool:
+        first = self._seen[0]
+        seconds = first.until(self.last.stamp_ns)
+        moved_m = float(np.hypot(*(self.last.place_m - first.place_m)))
+        return seconds >= STANDS_S and moved_m < SLOWEST_M_S * seconds
+
 
 class Movers:
     """Leaves out what moves by itself, from the second time on that it is seen to move: where
     stamps jitter, a thing that stands seems to move in one scan now and then."""
 
     def __init__(self) -> None:
-        self._last: tuple[int, FloatArray] | None = None
-        """When a thing was last seen to move, ns, and where in the map (2,)."""
+        self._last: _Sighting | None = None
+        """When and where a thing was last seen to move."""
+        self._followed: list[_Followed] = []
+
+    def standing(self, cloud: Cloud, prediction: Prediction) -> Cloud:
+        """The cloud without the things that were seen to move and have not stood since."""
+        if not self._followed:
+            return cloud
+        stamp_ns, lost_s = prediction.stamp_ns, _again_s(prediction)
+        self._followed = [one for one in self._followed if one.last.until(stamp_ns) <= lost_s]
+        things = list(_compact_things(cloud))
+        middles_m = [cloud.points_m[thing].mean(axis=0) for thing in things]
+        places_m = transform_points(prediction.T_map_base, np.reshape(middles_m, (-1, 2)))
+        kept = np.ones(cloud.hit.size, dtype=np.bool_)
+        for one in self._followed:
+            at = one.nearest(places_m, stamp_ns)
+            if at is not None:
+                one.see(_Sighting(stamp_ns, places_m[at]))
+                kept &= one.stands | ~things[at]
+        self._followed = [one for one in self._followed if not one.stands]
+        return cloud if kept.all() else _left(cloud, kept)
 
     def left_out(
         self,
@@ -76,18 +153,25 @@ class Movers:
             if agrees(found) and _loosened(near, found, prediction):
                 place_m = transform_points(found.T_map_base, cloud.points_m[thing].mean(axis=0))
                 again = self._is_again(prediction, place_m)
-                self._last = prediction.stamp_ns, place_m
-                return (rest, found) if again else (cloud, near)
+                self._last = _Sighting(prediction.stamp_ns, place_m)
+                if not again:
+                    return cloud, near
+                self._followed.append(_Followed(self._last))
+                return rest, found
         return cloud, near
 
     def _is_again(self, prediction: Prediction, place_m: FloatArray) -> bool:
         """Whether it can be the thing that was seen to move before."""
-        if self._last is None or prediction.odometry is None:
+        if self._last is None:
             return False
-        last_ns, last_m = self._last
-        since_s = (prediction.stamp_ns - last_ns) * 1e-9
-        recent = since_s <= max(AGAIN_S, AGAIN_SCANS * prediction.odometry.seconds)
-        return recent and float(np.hypot(*(place_m - last_m))) <= WIDEST_M + FASTEST_M_S * since_s
+        recent = self._last.until(prediction.stamp_ns) <= _again_s(prediction)
+        return recent and self._last.can_reach(place_m, prediction.stamp_ns)
+
+
+def _again_s(prediction: Prediction) -> float:
+    """How long a thing may be out of sight and still be the same."""
+    seconds = 0.0 if prediction.odometry is None else prediction.odometry.seconds
+    return max(AGAIN_S, AGAIN_SCANS * seconds)
 
 
 def _is_fast(near: Match, prediction: Prediction) -> bool:

@@ -107,6 +107,8 @@ class FrontEnd:
 
         prediction = self._predictor.predict(scan.stamp_ns)
 
+        cloud = self._selector.standing(cloud, prediction)
+
         window = self._window.add(cloud, prediction.T_map_base)
         alone, together = (len(self._matcher.pieces(one)) for one in (cloud, window))
         if alone > 0 and worth_waiting(prediction, together):
