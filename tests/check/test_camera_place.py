@@ -399,6 +399,14 @@ def test_features_of_noise_tell_no_turn() -> None:
     assert turn_fit(replace(camera, thumbnails=noisy)) is None
 
 
+def test_images_of_which_nothing_is_found_again_tell_no_turn() -> None:
+    """Every other image is of a lens that was covered."""
+    camera = turning_images(0.0, 0.0, 1.0)
+    images = camera.thumbnails.copy()
+    images[1::2] = 3
+    assert turn_fit(replace(camera, thumbnails=images)) is None
+
+
 @pytest.mark.parametrize(
     "rpy_deg", [(0.0, 0.0, 90.0), (0.0, 0.0, -100.0), (0.0, -90.0, 0.0), (0.0, 90.0, 0.0)]
 )

@@ -145,6 +145,8 @@ def _tracked(first: NDArray[np.uint8], second: NDArray[np.uint8]) -> tuple[Float
     back, again, _ = cv2.calcOpticalFlowPyrLK(second, first, there, None, **window)  # type: ignore[call-overload]
     apart = np.abs(back - corners).reshape(-1, 2).max(axis=1)
     good = (found.ravel() == 1) & (again.ravel() == 1) & (apart < _THERE_AND_BACK_PX)
+    if not good.any():
+        return none, none
     before, after = (px.reshape(-1, 2)[good] for px in (corners, there))
     clear = _out_of_noise(_patches(first, before), _patches(second, after))
     return before[clear].astype(float), after[clear].astype(float)
