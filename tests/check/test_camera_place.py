@@ -16,7 +16,7 @@ from slamsim.cameras.lens import pinhole
 from slamsim.cameras.survey import CameraSurvey
 from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.motion.depth_slices import NAMES, SliceFit, fit_slices
-from slamsim.check.motion.image_leans import seen_leans
+from slamsim.check.motion.image_leans import fit_readout, seen_leans
 from slamsim.check.motion.image_turns import TurnFit, fit_turns, seen_turns
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.questions.cameras.colours import likeness
@@ -372,6 +372,39 @@ def test_a_camera_on_its_side_shows_nothing_of_its_shutter() -> None:
     seen = replace(camera, thumbnails=on_its_side)
     model = replace(camera.claim.model(), width=90, height=160)
     assert seen_leans(seen, model, R_turned).leans_rad.size < 0.05 * len(camera)
+
+
+def test_a_shutter_is_as_long_where_edges_are_not_smooth() -> None:
+    """A lean of two pixels is then a stair of three upright pieces."""
+    rng = np.random.default_rng(5)
+    edges = np.sort(rng.uniform(-np.pi, np.pi, 60))
+    greys = rng.uniform(20.0, 230.0, 61)
+    readout_s, model = 0.02, pinhole(160, 120, 70.0)
+    columns, rows = np.meshgrid(np.arange(160.0), np.arange(120.0))
+    azimuths = -np.arctan((columns - model.centre_px[0]) / model.focal_px[0])
+    at_s = np.arange(1.0, 16.0, 0.1)
+    images = []
+    for one_s in at_s.tolist():
+        place = turned(np.asarray(one_s + readout_s * rows / 119.0)) + azimuths
+        seen = greys[np.searchsorted(edges, (place + np.pi) % (2.0 * np.pi) - np.pi)]
+        images.append(seen + rng.normal(0.0, 2.0, seen.shape))
+    shown = np.clip(images, 0.0, 255.0).astype(np.uint8)
+    camera = survey("grey", np.rint(1e9 * at_s).astype(np.int64), model, thumbnails=shown)
+    leans = seen_leans(camera, model, R_OPTICAL)
+    middle_s = 1e-9 * leans.stamps_ns + 0.5 * readout_s
+    rates_rad_s = (turned(middle_s + 0.005) - turned(middle_s - 0.005)) / 0.01
+    found = fit_readout(leans.leans_rad, middle_s, rates_rad_s)
+    assert found is not None
+    # Pieces at the ends of an edge are still cut off: each line alone measures 17 ms.
+    assert found[0] == pytest.approx(readout_s, abs=1.9e-3)
+
+
+def test_a_camera_that_sees_what_lies_alone_shows_no_lean() -> None:
+    rows = np.repeat(np.arange(90)[:, None] // 15 % 2, 160, axis=1)
+    images = np.tile(np.asarray(40 + 150 * rows, np.uint8), (3, 1, 1))
+    camera = survey("grey", np.arange(3), pinhole(160, 90, 70.0), thumbnails=images)
+    assert camera.claim is not None
+    assert not seen_leans(camera, camera.claim.model(), R_OPTICAL).leans_rad.size
 
 
 def test_a_longer_focal_length_makes_turns_small() -> None:
