@@ -78,7 +78,7 @@ def _content(path: Path) -> dict[str, list[Sent]]:
     return dict(found)
 
 
-def _foreign(kind: str, folder: Path, seed: int, seconds: float = 3.0) -> Path:
+def _foreign(kind: str, folder: Path, seed: int, seconds: float = 1.5) -> Path:
     store = STORES[kind]
     messages = list(sent(kind, store, drive(store, seed, seconds)))
     return write(kind, folder / "foreign", messages, store)
@@ -153,7 +153,7 @@ def test_a_rosbag2_copy_keeps_quality_of_service_and_custom_data(tmp_path: Path)
 
 
 def test_a_ros1_copy_keeps_callers_latching_and_sequence_numbers(tmp_path: Path) -> None:
-    path = _foreign("rosbag1", tmp_path, 4)
+    path = _foreign("rosbag1", tmp_path, 4, seconds=2.5)
     read = read_recording(path)
     fixed = apply_repairs(read, [Repair("shift_stamps", "/scan", {"offset_s": -0.02})])
     copy_recording(path, read, fixed, tmp_path / "copy")
@@ -302,7 +302,7 @@ def foreign(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Foreign
 
     def one(kind: str) -> Foreign:
         if kind not in made:
-            path = _foreign(kind, tmp_path_factory.mktemp(kind), 11, seconds=2.5)
+            path = _foreign(kind, tmp_path_factory.mktemp(kind), 11, seconds=1.5)
             made[kind] = kind, path, read_recording(path), _content(path)
         return made[kind]
 
@@ -430,12 +430,12 @@ def _stamp_ns(message: Any) -> int:
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
-def test_a_topic_made_from_a_stream_is_restamped_with_it(
-    foreign: Callable[[str], Foreign], tmp_path: Path
-) -> None:
+def test_a_topic_made_from_a_stream_is_restamped_with_it(tmp_path: Path) -> None:
     """/scan_copy/points carries the stamps of /scan; the camera's stamps are its own."""
     for kind in ("mcap", "rosbag1"):
-        _, path, read, before = foreign(kind)
+        (tmp_path / f"of {kind}").mkdir()
+        path = _foreign(kind, tmp_path / f"of {kind}", 11, seconds=2.5)
+        read, before = read_recording(path), _content(path)
         late = apply_repairs(read, [Repair("shift_stamps", "/scan", {"offset_s": 0.5})])
         copied = copy_recording(path, read, late, tmp_path / kind)
         assert copied.restamped == (("/scan_copy/points", "/scan"),)

@@ -83,7 +83,8 @@ def test_no_odometry_at_all_is_tracked_with_a_warning(drive: Simulated) -> None:
 
 
 def test_kiss_does_the_same_less_finely(drive: Simulated) -> None:
-    run = track(drive, FrontEndConfig(matcher="kiss"))
+    part = edited(drive, list(drive.log.scans)[:350])  # a scan costs four times what ours does
+    run = track(part, FrontEndConfig(matcher="kiss"))
     assert ate_rmse_m(run.trajectory(), drive.truth) < 0.15
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -73,9 +74,15 @@ def revisited(walls: FloatArray) -> tuple[Submap, dict[int, Submap], FloatArray]
     return query, dict(enumerate(cut)), np.concatenate([there, compose(DRIFT, back)])
 
 
+@cache
+def along(seed: int) -> tuple[Submap, dict[int, Submap], FloatArray]:
+    """``revisited``, of a corridor whose doors are unlike those of another seed."""
+    return revisited(corridor(irregular(seed)))
+
+
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_stretch_of_a_corridor_is_found_again_by_its_doors(seed: int) -> None:
-    query, submaps, poses = revisited(corridor(irregular(seed)))
+    query, submaps, poses = along(seed)
     found = MapSearch(BackEndConfig(), QUICK).look(query, submaps, poses, 0.4)
     assert found
     back = np.array([QUERY_FROM_M - QUERY_M, 0.2, np.pi])
@@ -93,13 +100,13 @@ def test_what_looks_alike_everywhere_is_found_nowhere() -> None:
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_what_is_not_in_the_map_is_found_nowhere(seed: int) -> None:
-    query, _, poses = revisited(corridor(irregular(seed)))
-    _, submaps, _ = revisited(corridor(irregular(seed + 10)))
+    query, _, poses = along(seed)
+    _, submaps, _ = along(seed % 3 + 1)
     assert MapSearch(BackEndConfig(), QUICK).look(query, submaps, poses, 0.4) == []
 
 
 def test_a_heading_that_cannot_be_is_not_searched() -> None:
-    query, submaps, poses = revisited(corridor(irregular(1)))
+    query, submaps, poses = along(1)
     turned = poses.copy()
     turned[query.anchor, 2] += 1.5
     assert MapSearch(BackEndConfig(), QUICK).look(query, submaps, turned, 0.4) == []
@@ -107,7 +114,7 @@ def test_a_heading_that_cannot_be_is_not_searched() -> None:
 
 
 def test_what_was_found_counts_unless_walls_stand_where_there_is_free_space_or_nothing() -> None:
-    query, submaps, poses = revisited(corridor(irregular(1)))
+    query, submaps, poses = along(1)
     number, T_submap_query = MapSearch(BackEndConfig(), QUICK).look(query, submaps, poses, 0.4)[0]
     finder, anchor = ClosureFinder(BackEndConfig()), submaps[number].anchor
     frames = {one.index: one for submap in submaps.values() for one in submap.members}
@@ -121,7 +128,7 @@ def test_what_was_found_counts_unless_walls_stand_where_there_is_free_space_or_n
 
 
 def test_submaps_are_sought_near_the_estimate_or_anywhere_never_both() -> None:
-    query, submaps, poses = revisited(corridor(irregular(1)))
+    query, submaps, poses = along(1)
     config, estimate = BackEndConfig().closures, Estimate()
     index = CandidateIndex(config)
     for submap in submaps.values():

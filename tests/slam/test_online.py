@@ -15,6 +15,7 @@ from waiting import wait_for
 
 from slamsim.config.slam import SlamConfig
 from slamsim.core.geometry import between
+from slamsim.core.result import SlamResult
 from slamsim.core.types import PlanarTrajectory
 from slamsim.slam.frontend.tracking import Step
 from slamsim.slam.online.async_back_end import MAX_RESTARTS, AsyncBackEnd
@@ -66,10 +67,15 @@ def live(steps: list[Step]) -> PlanarTrajectory:
     return PlanarTrajectory(stamps_ns, np.array([step.T_map_base for step in steps]))
 
 
-def test_on_line_is_as_good_as_over_the_whole_log() -> None:
+@cache
+def driven() -> tuple[list[Step], SlamResult]:
+    """All of the example on line."""
     with opened() as session:
-        steps = drive(session)
-        result = session.finish()
+        return drive(session), session.finish()
+
+
+def test_on_line_is_as_good_as_over_the_whole_log() -> None:
+    steps, result = driven()
     whole = run_slam(example().log, SlamConfig(calibrate_laser=False))  # as on line
     assert np.array_equal(result.trajectory.stamps_ns, whole.trajectory.stamps_ns)
     # On line nobody knows the gyroscope's bias before the robot has stood for a while.
@@ -80,8 +86,7 @@ def test_on_line_is_as_good_as_over_the_whole_log() -> None:
 
 
 def test_steps_tell_smooth_odometry_quality_and_covariances() -> None:
-    with opened() as session:
-        steps = drive(session, slice(100))
+    steps, _ = driven()
     odom = np.array([step.T_odom_base for step in steps])
     assert np.abs(np.diff(odom[:, :2], axis=0)).max() < 0.06  # half a metre per second
     assert all(step.status == "tracking" and step.match_quality > 0.5 for step in steps[1:])

@@ -89,7 +89,7 @@ def first(scans: RawScans, count: int) -> RawScans:
 
 
 @pytest.mark.parametrize(
-    ("share", "count"), [(0.9, 120), pytest.param(0.8, 200, marks=pytest.mark.slow)]
+    ("share", "count"), [(0.9, 90), pytest.param(0.8, 200, marks=pytest.mark.slow)]
 )
 def test_an_angle_that_is_far_off_is_found(share: float, count: int) -> None:
     step_rad = share * LIDAR.angle_step_rad
