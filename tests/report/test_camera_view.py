@@ -56,6 +56,7 @@ def test_a_camera_is_shown_where_the_transforms_put_it(tmp_path: Path) -> None:
     assert shown.model.width == 32
 
 
+@pytest.mark.slow
 def test_a_recording_with_a_camera_is_drawn_without_errors(tmp_path: Path) -> None:
     path = as_mcap(tmp_path / "a.mcap", [*ROBOT.drive(), *mounted(), *camera()])
     write_unmapped(path, EVERYTHING, tmp_path / "a.rrd")
@@ -81,7 +82,10 @@ def test_boxes_are_drawn_without_errors_and_lie_about_the_pixels_of_things(tmp_p
         stamp_ns = int(view.result.trajectory.stamps_ns[0])
         boxes = {topic: [(stamp_ns, labels, boxes_px), (stamp_ns + 1, labels[:0], boxes_px[:0])]}
         write_recording(tmp_path / "a.rrd", view, cameras.encoded(), shown, boxes)
-    assert check_recording(tmp_path / "a.rrd").errors == ()
+    found = check_recording(tmp_path / "a.rrd")
+    assert found.errors == ()
+    assert found.parents["cameras/cam/image/optical"] == "base_footprint"
+    assert "cam/image" in found.views
     assert b"Boxes2D" in (tmp_path / "a.rrd").read_bytes()  # labels are packed
 
 

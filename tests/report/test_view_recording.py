@@ -137,6 +137,7 @@ def test_the_map_looks_like_the_map(screenshot: tuple[Path, list[Path]]) -> None
     assert light[middle_row:, middle_column].any()
 
 
+@pytest.mark.slow
 def test_without_truth_it_opens_as_well(tmp_path: Path) -> None:
     if reason := why_no_viewer():
         pytest.skip(reason)

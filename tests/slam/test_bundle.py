@@ -120,9 +120,10 @@ def test_poses_come_far_nearer_to_the_truth_than_they_began() -> None:
     assert np.array_equal(refined(one).poses[0], one.start[0])
 
 
-def test_errors_are_as_large_as_the_covariances_say() -> None:
+@pytest.mark.parametrize("rooms", [25, pytest.param(100, marks=pytest.mark.slow)])
+def test_errors_are_as_large_as_the_covariances_say(rooms: int) -> None:
     """NEES over many drawn rooms: mean 3 for three degrees of freedom, give or take chance."""
-    nees, rooms = [], 50
+    nees = []
     for seed in range(rooms):
         one = scene(100 + seed)
         result = refined(one)

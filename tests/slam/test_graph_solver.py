@@ -114,7 +114,7 @@ def test_covariances_are_read_in_the_frame_of_the_source() -> None:
     assert np.allclose(solved[1], [1.0, 2.0, quarter], atol=1e-4)
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_third_of_false_closures_is_found_and_withdrawn(seed: int) -> None:
     truth, edges, false = manhattan(700, 0.3, seed)
     solver = solver_of(edges)
