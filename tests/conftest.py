@@ -3,7 +3,8 @@ Hypothesis draws the same examples for the same code, elsewhere new ones in each
 SIGQUIT are heard in child processes also where the tests run in the background, which has them
 ignored. What takes long to make and is only looked at is made once for all files. Modules that are
 compiled are kept, as a child process without them spends a second on it. What was imported until
-the tests are collected stays, and no collection of garbage need look at it."""
+the tests are collected stays, and no collection of garbage need look at it; it is looked for less
+often than Python does."""
 
 from __future__ import annotations
 
@@ -15,7 +16,7 @@ import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 import typer.main
@@ -23,8 +24,9 @@ import typer.testing
 from hypothesis import settings
 
 if TYPE_CHECKING:
+    from dataset_whole import KeptEngine
+
     from slamsim.core.types import FloatArray
-    from slamsim.dataset.make.engines.local import WorkEngine
 
 settings.register_profile("any machine", settings(), deadline=None)
 settings.load_profile("any machine")
@@ -49,13 +51,17 @@ if signal.getsignal(signal.SIGQUIT) is signal.SIG_IGN:
     signal.signal(signal.SIGQUIT, signal.SIG_DFL)
 
 
+gc.set_threshold(100_000, 50, 100)
+
+
 def pytest_collection_finish() -> None:
     gc.collect()
     gc.freeze()
+    gc.set_threshold(10_000, 10, 10)
 
 
 @pytest.fixture(scope="session")
-def one_worker() -> Iterator[WorkEngine]:
+def one_worker() -> Iterator[KeptEngine]:
     """An engine whose worker has been started, and stays."""
     from dataset_whole import KeptEngine
 
@@ -63,6 +69,51 @@ def one_worker() -> Iterator[WorkEngine]:
 
     with LocalEngine(1) as engine:
         yield KeptEngine(engine)
+
+
+@pytest.fixture(scope="module")
+def drives_here() -> Iterator[None]:
+    """Simulations drive in this process, see ``drive_here.py``."""
+    from drive_here import driving_here
+
+    with driving_here():
+        yield
+
+
+@pytest.fixture(scope="module")
+def undrawn_figures() -> Iterator[None]:
+    """Pages have empty figures: to draw them takes more than half of what a short log's map does.
+    Those of ``tests/report`` and of ``test_command_line.py`` are drawn."""
+    from matplotlib.figure import Figure
+
+    save = Figure.savefig
+
+    def empty(figure: Figure, file: Any, **options: Any) -> None:
+        if options.get("format") == "svg":
+            file.write("<svg></svg>")
+        else:
+            save(figure, file, **options)
+
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        monkeypatch.setattr(Figure, "savefig", empty)
+        yield
+
+
+@pytest.fixture
+def made_by_one_worker(one_worker: KeptEngine, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Data sets and their pilots are, whatever number of workers is asked for: each would load
+    libraries anew."""
+    from dataset_whole import LentWorker
+
+    monkeypatch.setattr("slamsim.run.dataset.making._engine", lambda *_: one_worker)
+    monkeypatch.setattr("slamsim.dataset.recipe.plan.Worker", lambda *_: LentWorker(one_worker))
+
+
+@pytest.fixture
+def tried_by_one_worker(one_worker: KeptEngine, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Trials of scenarios and cases of campaigns are, for the same reason by that of data sets."""
+    for module in ("slamsim.scenarios.run", "slamsim.bench.robustness.campaign"):
+        monkeypatch.setattr(f"{module}.Workers", lambda *_: one_worker.workers)
 
 
 @pytest.fixture(scope="session")

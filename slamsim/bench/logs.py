@@ -25,7 +25,6 @@ from slamsim.guard.errors import InputRefused, SlamsimError
 from slamsim.guard.output import write_atomic
 from slamsim.guard.yaml import load_yaml
 from slamsim.process.children import end_with_parent
-from slamsim.run.recording import simulate_world
 from slamsim.simulation.own_files import CONFIG
 
 SIMULATED = ("seed", "world", "robot", "drive", "sensors", "faults")
@@ -57,6 +56,8 @@ def kept_or_temporary(kept: Path | None) -> Iterator[Path]:
 
 
 def _simulate(config: RunConfig, folder: Path) -> None:
+    from slamsim.run.recording import simulate_world  # not for other work of children
+
     simulate_world(config, folder, Reporter(quiet=True))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from slamsim.bench.accuracy import (
     summarise,
     summary_rows,
 )
-from slamsim.bench.logs import Children
+from slamsim.bench.logs import Arguments, Children, Result
 from slamsim.bench.truth import false_closures, revisits_closed
 from slamsim.config.loading import load_run_config
 from slamsim.console.reporter import Reporter
@@ -118,7 +119,21 @@ def test_how_a_process_ended_is_told(what: str, words: str) -> None:
         children.run(work, what)
 
 
-def test_seeds_are_run_kept_and_summarised(tmp_path: Path) -> None:
+class Here(Children):
+    """What children do, in this process, which has loaded its libraries."""
+
+    def run(
+        self,
+        work: Callable[Arguments, Result],
+        *arguments: Arguments.args,
+        **keywords: Arguments.kwargs,
+    ) -> Result:
+        return work(*arguments, **keywords)
+
+
+@pytest.mark.usefixtures("drives_here")
+def test_seeds_are_run_kept_and_summarised(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("slamsim.bench.logs.Children", Here)
     config = load_run_config("tiny", overrides=SHORT)
     campaign = AccuracyCampaign(config, (2,), 1, tmp_path)
     figures = run_accuracy(campaign, QUIET)

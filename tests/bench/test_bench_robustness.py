@@ -286,6 +286,7 @@ def small(seed: int, number: int) -> Conditions:
     return replace(CALM, seed=seed, number=number, path_m=3.0, people=1, glass_share=0.1)
 
 
+@pytest.mark.usefixtures("tried_by_one_worker")
 def test_a_campaign_keeps_what_is_done_and_counts_it(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

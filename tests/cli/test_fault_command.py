@@ -18,6 +18,8 @@ from slamsim.io.open import open_recording, read_recording, read_truth
 from slamsim.recording.edits.base import CannotEdit
 from slamsim.run.fixing import fault_facts, fault_table, inject_faults
 
+pytestmark = pytest.mark.usefixtures("drives_here")
+
 SHORT = ("--set", "drive.route.max_duration_s=6", "--set", "sensors.lidar.rate_hz=10")
 
 

@@ -60,7 +60,7 @@ COMMANDS: Mapping[str, tuple[str, ...] | None] = {
     "identify": ("turtlebot2_study", "--out", "OUT", "--jobs", "1"),
     "verify": ("RUN",),
     "dataset make": ("RECIPE", "-n", "1", "--out", "OUT", "--workers", "1"),
-    "dataset plan": ("RECIPE", "-n", "4", "--workers", "1"),
+    "dataset plan": ("RECIPE", "-n", "1", "--workers", "1"),
     "dataset preview": ("tiny", "-n", "1", "--out", "OUT.png"),
     "dataset verify": ("SET",),
     "dataset stats": ("SET",),
@@ -100,6 +100,11 @@ def commands(group: Any, above: str = "") -> Iterator[str]:
             yield from commands(command, f"{above}{name} ")
         else:
             yield f"{above}{name}"
+
+
+pytestmark = pytest.mark.usefixtures(
+    "drives_here", "made_by_one_worker", "tried_by_one_worker", "undrawn_figures"
+)
 
 
 def test_no_command_is_forgotten() -> None:
@@ -200,6 +205,7 @@ def test_what_is_piped_is_plain_and_for_people_and_its_numbers_are_those_of_json
     results: list[Mapping[str, object]] = []
     monkeypatch.setattr(Reporter, "result", lambda _, values: results.append(values))
     monkeypatch.setenv("COLUMNS", "40")
+    monkeypatch.setattr("slamsim.dataset.recipe.plan.PILOT_S", (1.0, 2.0))
     words, named = arguments(name, request, tmp_path / "out")
     done = CliRunner().invoke(app, words)
     assert done.exit_code in (0, 1) and not isinstance(done.exception, Exception), done.output

@@ -20,6 +20,8 @@ from slamsim.live.servers.access import Access
 from slamsim.live.servers.foxglove import FoxgloveServer
 from slamsim.live.servers.rosbridge.server import RosbridgeServer
 
+pytestmark = pytest.mark.usefixtures("drives_here")
+
 
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory: pytest.TempPathFactory) -> list[Message]:

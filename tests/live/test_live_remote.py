@@ -29,6 +29,8 @@ from slamsim.live.remote.checking import CheckingProcess
 from slamsim.live.remote.controls import RemoteControls
 from slamsim.live.remote.received import FixedTransforms
 
+pytestmark = pytest.mark.usefixtures("drives_here")
+
 TYPES = ros2_types()
 TWIST = TopicKind("/cmd_vel", "geometry_msgs/msg/Twist")
 
@@ -47,7 +49,7 @@ def process() -> Iterator[MappingProcess]:
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory: pytest.TempPathFactory) -> list[Message]:
     folder = tmp_path_factory.mktemp("remote") / "log"
-    return simulated(folder, "drive.route.max_duration_s=16")
+    return simulated(folder, "drive.route.max_duration_s=13")
 
 
 def decoded(data: bytes, kind: str) -> Any:

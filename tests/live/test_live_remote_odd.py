@@ -34,6 +34,8 @@ from slamsim.run.live import remote as run_remote
 from slamsim.run.live.remote import live_remote
 from slamsim.run.live.serving import Ports
 
+pytestmark = pytest.mark.usefixtures("drives_here")
+
 SCAN = TopicKind("/scan", "sensor_msgs/msg/LaserScan")
 ODOM = TopicKind("/odom", "nav_msgs/msg/Odometry")
 FIXED = TopicKind("/tf_static", "tf2_msgs/msg/TFMessage", latched=True)

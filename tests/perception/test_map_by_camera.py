@@ -23,6 +23,8 @@ from slamsim.run.cameras.asked import refuse_wrong_files, require_returns
 from slamsim.run.cameras.telling import moved_onto
 from slamsim.slam.frontend.scan_order import NothingSeen
 
+pytestmark = pytest.mark.usefixtures("undrawn_figures")
+
 
 def test_a_folder_of_images_is_mapped(room_images: tuple[Path, FloatArray], tmp_path: Path) -> None:
     folder, true_m = room_images

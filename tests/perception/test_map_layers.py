@@ -37,6 +37,7 @@ from slamsim.run.cameras.layers import layer_sources
 from slamsim.run.mapping import map_recording, map_world
 from slamsim.world.map_server import read_map
 
+pytestmark = pytest.mark.usefixtures("drives_here")
 K = np.array([[200.0, 0.0, 159.5], [0.0, 200.0, 119.5], [0.0, 0.0, 1.0]])
 SHAPE = (240, 320)
 R_MAP_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])

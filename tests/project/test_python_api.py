@@ -16,6 +16,7 @@ import slamsim
 from slamsim.guard.errors import NotFound, OverrideRefused
 from slamsim.io.open import read_truth
 
+pytestmark = pytest.mark.usefixtures("drives_here", "undrawn_figures")
 PACKAGE = Path(slamsim.__file__).parent
 SHORT = {"drive.route.max_duration_s": 4, "sensors.lidar": "lds_01"}
 

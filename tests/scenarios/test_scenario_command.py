@@ -101,6 +101,7 @@ def test_an_unknown_name_gets_the_nearest(wrong: str, meant: str) -> None:
     assert find_entries("mu_split") == find_entries("mu-split")
 
 
+@pytest.mark.usefixtures("tried_by_one_worker")
 def test_the_command_leaves_a_whole_folder_and_tells_its_numbers(tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = ["integrator", "--out", str(out), "--json", "--seed", "4", "--jobs", "1", *FEW]
@@ -137,6 +138,7 @@ def test_ctrl_c_ends_it_with_all_its_workers_and_leaves_nothing(tmp_path: Path) 
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.usefixtures("tried_by_one_worker")
 def test_the_page_escapes_all_it_is_given_and_needs_nothing_else(tmp_path: Path) -> None:
     config = StubConfig(ways={"1": "raises"})
     results = run_scenarios(
@@ -164,6 +166,7 @@ def test_csv_has_a_column_for_every_key_and_quotes_what_needs_it() -> None:
     assert text == 'a,b,c\n1,"x,""y",\n,,0.1\n'
 
 
+@pytest.mark.usefixtures("tried_by_one_worker")
 def test_a_urdf_without_wheels_is_a_failed_trial_with_its_reason(tmp_path: Path) -> None:
     urdf = tmp_path / "bare.urdf"
     urdf.write_text('<robot name="bare"><link name="base_footprint"/></robot>')

@@ -23,7 +23,7 @@ from slamsim.guard.errors import InputRefused, SlamsimError
 from slamsim.sim.robot.model import build_robot
 from slamsim.simulation.own_files import with_own_files
 
-pytestmark = pytest.mark.fault
+pytestmark = [pytest.mark.fault, pytest.mark.usefixtures("drives_here")]
 
 COMMANDS = ("simulate", "map")
 PUBLISHED = Path(pybullet_data.getDataPath())

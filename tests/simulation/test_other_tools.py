@@ -28,6 +28,8 @@ from slamsim.io.open import read_log, read_recording
 from slamsim.sim.drive.record import START_NS
 from slamsim.simulation.simulate import simulate
 
+pytestmark = pytest.mark.usefixtures("drives_here")
+
 LATCHED = "/tf_static", "/robot_description"
 SYSTEM_PYTHON = Path("/usr/bin/python3")
 LOOKUPS = """

@@ -19,6 +19,7 @@ from slamsim.core.types import Float32Array, FloatArray
 from slamsim.io.ros.message_types import inflate
 from slamsim.process.exit_codes import run_command
 
+pytestmark = pytest.mark.usefixtures("undrawn_figures")
 BEAMS, COUNT = 181, 60
 SECOND = 1_000_000_000
 START_NS = 1_700_000_000 * SECOND

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
-from typing import Self
+from typing import Self, TypeVar
 
 from slamsim.dataset.make.engines.local import Answer, LocalEngine, WorkEngine
 from slamsim.dataset.make.make import make_dataset
@@ -13,15 +15,20 @@ from slamsim.dataset.recipe.distributions import Constant
 from slamsim.dataset.recipe.loading import load_recipe
 
 COUNT, SECONDS = 4, 4.0
+Result = TypeVar("Result")
 
 
 class KeptEngine:
-    """One worker of this machine that several data sets are made by, one after the other."""
+    """One worker of this machine that several data sets are made by, one after the other.
+
+    workers: the same, for what is no data set.
+    """
 
     batch = 1
 
     def __init__(self, engine: LocalEngine) -> None:
         self._engine = engine
+        self.workers = nullcontext(engine._workers)
 
     def __enter__(self) -> Self:
         return self
@@ -34,6 +41,19 @@ class KeptEngine:
 
     def submit(self, task: ShardTask) -> Answer:
         return self._engine.submit(task)
+
+
+class LentWorker:
+    """As ``Worker``, by one that stays."""
+
+    def __init__(self, engine: KeptEngine) -> None:
+        self._workers = engine.workers.enter_result
+
+    def run(self, work: Callable[[], Result], limit_s: float) -> Result:
+        return self._workers.submit(work, limit_s).result()
+
+    def close(self) -> None:
+        """It stays for the next."""
 
 
 def make_small(out: Path, engine: WorkEngine) -> None:
