@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse import coo_matrix
@@ -108,3 +109,19 @@ def test_a_part_that_only_its_looks_place_is_told_of_unless_that_was_asked_for()
     assert _told(recognised, {3}) == []
     (words,) = _told([_edge(3, 5, "closure")], set())
     assert "drawn beside" in words
+
+
+@pytest.mark.parametrize(("sigma_m", "told"), [(0.01, 0), (0.1, 2)])
+def test_key_frames_that_hang_between_what_holds_together_are_told_of_if_they_are_unsure(
+    sigma_m: float, told: int
+) -> None:
+    kinds: list[EdgeKind] = ["match", "match", "odometry", "odometry", "match"]
+    edges = [_edge(k, k + 1, kind) for k, kind in enumerate(kinds)]
+    poses = np.column_stack([np.arange(6.0), np.zeros(6), np.zeros(6)])
+    keyframes = PlanarTrajectory(np.arange(6, dtype=np.int64), poses)
+    covariances = np.zeros((6, 3, 3))
+    covariances[3, :2, :2] = sigma_m**2 * np.eye(2)
+    whole = PoseGraph(keyframes, covariances, (*edges, _edge(1, 5, "closure")))
+    assert len(list(doubtful_joints(whole, set()))) == told
+    (event,) = doubtful_joints(PoseGraph(keyframes, covariances, tuple(edges[:3])), set())
+    assert "by odometry alone" in event.words, "nothing holds what comes after to what was before"

@@ -110,7 +110,8 @@ def _grown_m(poses: FloatArray, covariances: FloatArray, begin: int, end: int) -
 
 def doubtful_joints(graph: MapGraph, drives: Container[int]) -> Iterator[Event]:
     """One event for each edge of odometry alone whose sides no match and no closure joins, or only
-    closures that were found without knowing where to look.
+    closures that were found without knowing where to look; but for edges to a few key frames that
+    fitted nowhere, which hang by odometry between such as hold together.
 
     drives: the key frames with which later drives begin: that these are recognised was asked for.
     """
@@ -124,12 +125,26 @@ def doubtful_joints(graph: MapGraph, drives: Container[int]) -> Iterator[Event]:
     for edge in breaks:
         x, y = poses[edge.target, :2]
         if part[edge.source] != part[edge.target]:
+            if not is_elsewhere(edge) and _is_bridged(edge, part, graph):
+                continue
             words = f"near ({x:.1f}, {y:.1f}) m {_how_loose(edge)}"
             yield Event(int(stamps_ns[edge.source]), int(stamps_ns[edge.target]), "joined", words)
         elif is_elsewhere(edge) and edge.target not in drives:
             end = next(k for k in ends_at if k > edge.target)
             words = _by_its_looks(edge.target, end, ends)
             yield Event(int(stamps_ns[edge.target]), int(stamps_ns[end - 1]), "joined", words)
+
+
+def _is_bridged(edge: GraphEdge, part: IntArray, graph: MapGraph) -> bool:
+    """Whether key frames before and after an edge of odometry hold together, so near to it that
+    what lies between is as sure as a cell of the map. part: (n,) of each key frame."""
+    source, target = sorted((edge.source, edge.target))
+    last = {int(number): k for k, number in enumerate(part[: source + 1])}
+    after = next((k for k in range(target, len(part)) if int(part[k]) in last), None)
+    if after is None:
+        return False
+    grown_m = _grown_m(graph.keyframes.poses, graph.covariances, last[int(part[after])], after + 1)
+    return bool(SURE_SIGMAS * grown_m.max() <= CELL_M)
 
 
 def _by_its_looks(first: int, end: int, closures: IntArray) -> str:
