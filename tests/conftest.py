@@ -83,7 +83,7 @@ def drives_here() -> Iterator[None]:
 @pytest.fixture(scope="module")
 def undrawn_figures() -> Iterator[None]:
     """Pages have empty figures: to draw them takes more than half of what a short log's map does.
-    Those of ``tests/report`` and of ``test_command_line.py`` are drawn."""
+    Those of ``tests/report`` and of commands in processes of their own are drawn."""
     from matplotlib.figure import Figure
 
     save = Figure.savefig

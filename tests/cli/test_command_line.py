@@ -18,6 +18,8 @@ from slamsim.guard.unpacking import open_lines
 from slamsim.io.open import read_log, read_truth
 from slamsim.run.naming import is_recording
 
+pytestmark = pytest.mark.usefixtures("drives_here", "undrawn_figures")
+
 REAL_LINES = 2500
 SHORT = ("--set", "drive.route.max_duration_s=12", "--set", "sensors.lidar.rate_hz=10")
 RUN_FILES = {
