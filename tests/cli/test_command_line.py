@@ -20,8 +20,8 @@ from slamsim.run.naming import is_recording
 
 pytestmark = pytest.mark.usefixtures("drives_here", "undrawn_figures")
 
-REAL_LINES = 2500
-SHORT = ("--set", "drive.route.max_duration_s=12", "--set", "sensors.lidar.rate_hz=10")
+REAL_LINES = 1500
+SHORT = ("--set", "drive.route.max_duration_s=9", "--set", "sensors.lidar.rate_hz=10")
 RUN_FILES = {
     "log",
     "config.yaml",
