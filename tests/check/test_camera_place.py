@@ -391,7 +391,7 @@ def test_a_shutter_is_as_long_where_edges_are_not_smooth() -> None:
     shown = np.clip(images, 0.0, 255.0).astype(np.uint8)
     camera = survey("grey", np.rint(1e9 * at_s).astype(np.int64), model, thumbnails=shown)
     leans = seen_leans(camera, model, R_OPTICAL)
-    middle_s = 1e-9 * leans.stamps_ns + 0.5 * readout_s
+    middle_s = np.asarray(1e-9 * leans.stamps_ns + 0.5 * readout_s, np.float64)
     rates_rad_s = (turned(middle_s + 0.005) - turned(middle_s - 0.005)) / 0.01
     found = fit_readout(leans.leans_rad, middle_s, rates_rad_s)
     assert found is not None

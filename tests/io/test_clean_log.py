@@ -14,7 +14,7 @@ from recording_data import edge, odometry_at, recording, scans_at, stamps
 from slamsim.core.geometry import matrix_from_xyzw, se3_from_parts, xyzw_from_yaw
 from slamsim.core.types import FloatArray
 from slamsim.guard.errors import InputRefused
-from slamsim.recording import RawOdometry, RecordedTopic, Recording, TransformEdge
+from slamsim.recording import RawOdometry, RawScans, RecordedTopic, Recording, TransformEdge
 from slamsim.recording.cleaning.log import clean
 from slamsim.recording.frames import FrameTree
 
@@ -141,3 +141,49 @@ def test_a_frame_that_no_transform_knows_leaves_the_laser_at_the_base() -> None:
     log = clean(raw, SOURCE)
     np.testing.assert_array_equal(log.T_base_laser, np.eye(4))
     assert any("the laser is taken to sit at the base" in words for words in log.warnings)
+
+
+def _drive(is_moving: bool, is_noisy: bool, has_returns: bool = True) -> Recording:
+    """Ten seconds at 10 Hz, in which the driver is stuck from the 40th scan to the 60th; without
+    noise all scans of a robot that stands are the same."""
+    read = recording(10.0)
+    scans, odometry = read.scans[0], read.odometries[0]
+    ranges_m = np.array(scans.ranges_m)
+    ranges_m[40:60] = ranges_m[40]
+    if not has_returns:
+        ranges_m[:] = np.inf
+    if not is_noisy:
+        ranges_m[:30] = ranges_m[0]
+    stands_s = 3.0 if is_moving and not is_noisy else 0.0 if is_moving else np.inf
+    still = odometry.stamps_ns < odometry.stamps_ns[0] + stands_s * 1e9
+    positions_m, quats_xyzw = odometry.positions_m.copy(), odometry.quats_xyzw.copy()
+    if still.any():
+        positions_m[still], quats_xyzw[still] = positions_m[still][-1], quats_xyzw[still][-1]
+    odometry = replace(odometry, positions_m=positions_m, quats_xyzw=quats_xyzw)
+    changed = replace(scans, ranges_m=ranges_m.astype(np.float32))
+    return read.with_streams(RawScans, [changed]).with_streams(RawOdometry, [odometry])
+
+
+def test_scans_that_a_stuck_driver_publishes_again_are_left_out() -> None:
+    read = _drive(is_moving=True, is_noisy=True)
+    log = clean(read, SOURCE)
+    assert len(log.scans) == 100 - 19 and log.recorded_scans == 100
+    assert {scan.stamp_ns for scan in log.scans} == set(
+        np.delete(read.scans[0].stamps_ns, np.arange(41, 60)).tolist()
+    )
+    assert any("19 scans repeat the one before while the robot moves" in w for w in log.warnings)
+
+
+@pytest.mark.parametrize(
+    "read",
+    [
+        _drive(is_moving=False, is_noisy=True),
+        _drive(is_moving=True, is_noisy=False),
+        _drive(is_moving=True, is_noisy=True, has_returns=False),
+    ],
+    ids=["stands", "without noise", "sees nothing"],
+)
+def test_scans_that_may_well_be_the_same_are_all_used(read: Recording) -> None:
+    log = clean(read, SOURCE)
+    assert len(log.scans) == 100
+    assert not any("repeat the one before" in words for words in log.warnings)

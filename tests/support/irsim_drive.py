@@ -49,7 +49,7 @@ class Drive:
 
     def recorded(self, folder: Path) -> tuple[Bag, PlanarTrajectory]:
         """What the robot recorded, and where it was. folder: for the description of the room."""
-        import irsim
+        import irsim  # type: ignore[import-not-found]
         import yaml
 
         rng = np.random.default_rng(self.seed)
@@ -114,11 +114,11 @@ class Drive:
         one, count = scans[0], len(poses)
         xy_m, yaw_rad = _odometry(poses, rng)
         turns, none = yaw_quaternion(yaw_rad), np.zeros((count, 3))
-        at = {"stamps_ns": stamps_ns, "received_ns": stamps_ns}
+        at = stamps_ns, stamps_ns  # received at once
         laser = Scans(
             "/scan",
             "laser",
-            **at,
+            *at,
             ranges_m=np.array([scan["ranges"] for scan in scans], dtype=np.float32),
             angle_min=one["angle_min"],
             angle_increment=one["angle_increment"],
@@ -131,7 +131,7 @@ class Drive:
         odometry = Odometry(
             "/odom",
             "odom",
-            **at,
+            *at,
             child="base",
             xy_m=xy_m,
             quaternion=turns,
@@ -139,7 +139,7 @@ class Drive:
             angular=none,
         )
         there = np.column_stack([xy_m, np.zeros(count)])
-        moving = Edge("/tf", "odom", **at, child="base", translation=there, quaternion=turns)
+        moving = Edge("/tf", "odom", *at, child="base", translation=there, quaternion=turns)
         mount_m, level = np.array([[LASER_X_M, 0.0, 0.0]]), yaw_quaternion(np.zeros(1))
         first = stamps_ns[:1]
         fixed = Edge("/tf_static", "base", first, first, "laser", mount_m, level, static=True)

@@ -133,7 +133,7 @@ def _leans_of(
     long = np.abs(np.diff(rows)[:, 0])
 
     def total(values: FloatArray) -> FloatArray:
-        return np.bincount(edge, long * values, count)
+        return np.asarray(np.bincount(edge, long * values, count), np.float64)
 
     def off(ends: FloatArray) -> FloatArray:
         middles = ends.mean(axis=1)
@@ -145,8 +145,9 @@ def _leans_of(
         return total(off(one) * off(other) + along)
 
     square = product(rows, rows)
-    lengths = np.bincount(edge, np.hypot(*(lines[:, 1] - lines[:, 0]).T), count)
-    return product(rows, to_right) / square, np.abs(product(rows, up) / square), lengths
+    lengths_px = np.hypot(*(lines[:, 1] - lines[:, 0]).T)
+    whole_px = np.asarray(np.bincount(edge, lengths_px, count), np.float64)
+    return product(rows, to_right) / square, np.abs(product(rows, up) / square), whole_px
 
 
 def _weighed_median(values: FloatArray, weights: FloatArray) -> float:

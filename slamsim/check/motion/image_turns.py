@@ -158,9 +158,9 @@ def _patches(image: NDArray[np.uint8], pixels: Float32Array) -> Float32Array:
     side = reach.size
     x = pixels[:, 0, None, None] + np.tile(reach, (side, 1))
     y = pixels[:, 1, None, None] + np.tile(reach[:, None], (1, side))
-    at = (each.reshape(-1, side).astype(np.float32) for each in (x, y))
+    column, row = (each.reshape(-1, side).astype(np.float32) for each in (x, y))
     whole = image.astype(np.float32)
-    found = cv2.remap(whole, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
+    found = cv2.remap(whole, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
     return np.asarray(found.reshape(-1, side, side), np.float32)
 
 

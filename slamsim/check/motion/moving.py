@@ -6,10 +6,7 @@ import numpy as np
 
 from slamsim.core.types import BoolArray, FloatArray, IntArray
 from slamsim.recording import Recording
-
-MOVING_RAD_S, MOVING_M_S = 0.05, 0.02
-"""Well above the noise of a standing gyroscope (0.01 rad/s) and of odometry, well below any
-drive."""
+from slamsim.recording.cleaning.scans import MOVING_M_S, MOVING_RAD_S
 
 
 def moving_at(recording: Recording, query_ns: IntArray, ask_imus: bool = True) -> BoolArray | None:

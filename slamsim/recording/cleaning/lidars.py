@@ -78,8 +78,10 @@ class OtherLidars:
         if times.stamps_ns[-1] < own_ns[0] or times.stamps_ns[0] > own_ns[-1]:
             raise _NotUsed(f"they have no time in common with {self._first.topic}")
         limit, told = survey.limit(times, self._odometry)
-        told = [*survey.warnings(times, has_beam_times=True), *told]
-        return RecordedScans(raw, survey.rows[times.order], times.stamps_ns, limit), told
+        kept, stuck = survey.moving_on(times, self._odometry)
+        told = [*survey.warnings(times, has_beam_times=True), *stuck, *told]
+        rows, stamps_ns = survey.rows[times.order][kept], times.stamps_ns[kept]
+        return RecordedScans(raw, rows, stamps_ns, limit), told
 
 
 class _NotUsed(Exception):

@@ -110,14 +110,15 @@ class _Cleaning:
         moved, self.warnings = self.warnings, moved
         limit, told = survey.limit(times, odometry)
         odd = survey.warnings(times, has_beam_times=recording.format != "carmen")
-        self.warnings += [f"{raw.topic}: {words}" for words in odd] + moved
+        kept, stuck = survey.moving_on(times, odometry)
+        self.warnings += [f"{raw.topic}: {words}" for words in (*odd, *stuck)] + moved
         taken_for = [f"{raw.topic}: {words}" for words in told]
         encoders, imu = self._encoders(), self._imu()
         if odometry is not None:
             self._require_overlap(odometry, times.stamps_ns, encoders is not None)
         laser_frame, warnings = raw.frame_ids[0], self.warnings
         T_base_laser = laser_mounting_of(tree, base_frame, laser_frame, warnings)
-        scans = RecordedScans(raw, rows, times.stamps_ns, limit)
+        scans = RecordedScans(raw, rows[kept], times.stamps_ns[kept], limit)
         return Log(
             name=recording.name,
             epoch="simulation" if recording.epoch == "simulation" else epoch_of(first_ns),

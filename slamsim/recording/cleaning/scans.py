@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from slamsim.core.geometry import between
 from slamsim.core.types import (
     BoolArray,
     Float32Array,
@@ -23,6 +24,13 @@ from slamsim.guard.numbers import MOST, BadNumbers
 from slamsim.recording import RawScans, ScanLayout
 from slamsim.recording.cleaning.no_return import AS_DECLARED, RangeLimit, RangeSample
 from slamsim.recording.cleaning.rising_stamps import Times
+
+MOVING_M_S, MOVING_RAD_S = 0.02, 0.05
+"""Well above the noise of odometry and of a standing gyroscope (0.01 rad/s), well below any
+drive."""
+
+_WITHOUT_NOISE = 0.5
+"""If more scans of a robot that stands repeat the one before, ranges have no noise."""
 
 
 class StoredScans:
@@ -186,7 +194,8 @@ class ScanSurvey:
     """What a pass over all scans of a lidar finds.
 
     rows: (k,) those that describe a lidar. is_repeat: (k,) whether a scan is the one before once
-    more, stamp and all.
+    more, stamp and all. is_same: (k,) whether one that met something has the ranges of the one
+    before, bit for bit.
     """
 
     def __init__(self, raw: RawScans) -> None:
@@ -197,17 +206,22 @@ class ScanSurvey:
         self._odd_angle_max = 0
         self._instantaneous = True
         geometries = _Geometries(raw)
-        rows, is_repeat = list[int](), list[bool]()
-        before: tuple[int, ScanGeometry] | None = None
+        rows, is_same, is_repeat = list[int](), list[bool](), list[bool]()
+        before: tuple[ScanGeometry, bytes] | None = None
         for row in range(len(raw)):
             geometry = geometries.of(row)
             if geometry is None:
                 continue
             self._add(row, geometry)
-            is_repeat.append(before is not None and self._is_repeat(before, (row, geometry)))
+            ranges_m = _measured(raw.ranges_m[row], geometry)
+            now = geometry, ranges_m.tobytes()
+            same_stamp = bool(rows) and bool(raw.stamps_ns[rows[-1]] == raw.stamps_ns[row])
+            is_repeat.append(now == before and same_stamp)
+            is_same.append(now == before and bool(np.isfinite(ranges_m).any()))
             rows.append(row)
-            before = row, geometry
+            before = now
         self.rows: IntArray = np.array(rows, dtype=np.int64)
+        self.is_same: BoolArray = np.array(is_same, dtype=np.bool_)
         self.is_repeat: BoolArray = np.array(is_repeat, dtype=np.bool_)
 
     def _add(self, row: int, geometry: ScanGeometry) -> None:
@@ -220,12 +234,30 @@ class ScanSurvey:
         self._odd_angle_max += not off_rad < 0.5 * abs(geometry.angle_step_rad)
         self._instantaneous &= geometry.beam_dt_ns == 0
 
-    def _is_repeat(self, before: tuple[int, ScanGeometry], scan: tuple[int, ScanGeometry]) -> bool:
-        (i, before_geometry), (j, geometry) = before, scan
-        if self._raw.stamps_ns[i] != self._raw.stamps_ns[j] or before_geometry != geometry:
-            return False
-        one, other = (_measured(self._raw.ranges_m[row], geometry) for row in (i, j))
-        return one.tobytes() == other.tobytes()
+    def moving_on(
+        self, times: Times, odometry: PlanarTrajectory | None
+    ) -> tuple[BoolArray, list[str]]:
+        """(which scans to use, (k,) in the order of time; in words which not).
+
+        Noise alone makes any two scans of a lidar differ; a driver that is stuck publishes its last
+        one again while the robot moves, as if it stood. All are used where those of a robot that
+        stands repeat as well: a lidar without noise.
+        """
+        kept = np.ones(times.order.size, dtype=np.bool_)
+        repeats = self.is_same[times.order][1:] & (np.diff(times.order) == 1)
+        if odometry is None or len(odometry) < 2 or not repeats.any():
+            return kept, []
+        at_ns = np.clip(times.stamps_ns, odometry.stamps_ns[0], odometry.stamps_ns[-1])
+        poses, seconds = odometry.at(at_ns), np.diff(times.stamps_ns) * 1e-9
+        steps = between(poses[:-1], poses[1:])
+        moves = np.hypot(steps[:, 0], steps[:, 1]) > MOVING_M_S * seconds
+        moves |= np.abs(steps[:, 2]) > MOVING_RAD_S * seconds
+        if repeats[~moves].sum() > _WITHOUT_NOISE * (~moves).sum():
+            return kept, []
+        kept[1:] = ~(repeats & moves)
+        stuck = int((~kept).sum())
+        words = f"{stuck} scans repeat the one before while the robot moves: left out"
+        return kept, [words] if stuck else []
 
     def limit(
         self, times: Times, odometry: PlanarTrajectory | None
