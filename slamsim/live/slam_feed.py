@@ -9,10 +9,18 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from slamsim.core.geometry import between
 from slamsim.core.types import BoolArray, EncoderStream, ImuStream, IntArray, PlanarTrajectory, Scan
 from slamsim.recording import RawImu, RawOdometry, RawScans, RawStream, RawTicks
 from slamsim.recording.cleaning.no_return import AS_DECLARED, RangeLimit
-from slamsim.recording.cleaning.scans import RecordedScans, usable_rows
+from slamsim.recording.cleaning.scans import (
+    LEAST_REPEATED,
+    MOVING_M_S,
+    MOVING_RAD_S,
+    WITHOUT_NOISE,
+    RecordedScans,
+    usable_rows,
+)
 from slamsim.recording.cleaning.streams import encoders_of, imu_of, odometry_of
 from slamsim.slam.online.samples import MotionSamples
 
@@ -33,7 +41,8 @@ _ROWS: dict[type[object], tuple[str, ...]] = {
 
 class SlamFeed:
     """Holds each scan back until every stream that ever spoke has covered its end, the inertial
-    unit the reading of the wheels after it too.
+    unit the reading of the wheels after it too. A scan that repeats the one before while the robot
+    moves is left out: a driver that is stuck publishes its last one again.
 
     limit: beyond which a reading of the lidar is no return.
     """
@@ -45,6 +54,10 @@ class SlamFeed:
         self._ticks = _Held[EncoderStream]()
         self._imu = _Held[ImuStream]()
         self._newest_ns: dict[type[object], int] = {}
+        self._before, self._scans, self._repeats = b"", 0, 0
+        """The ranges of the last scan, and how many of those so far repeated the one before."""
+        self._driven: PlanarTrajectory | None = None
+        """The last odometry that was given."""
 
     def take(self, streams: Sequence[Arrived]) -> Iterator[tuple[Scan, MotionSamples]]:
         """streams: what arrived, of one topic of each kind. Gives the scans that are ready, each
@@ -57,9 +70,13 @@ class SlamFeed:
             rolled_ns = self._rolled_ns(end_ns)
             if not self._ready(end_ns, rolled_ns):
                 break
+            scan = self._waiting.popleft()
+            if self._is_stuck(scan):
+                continue  # what the robot moved meanwhile goes with the next one
             odometry, ticks = self._odometry.until(end_ns), self._ticks.until(end_ns)
             motion = MotionSamples(odometry, ticks, self._imu.until(rolled_ns))
-            yield self._waiting.popleft(), motion
+            self._driven = odometry or self._driven
+            yield scan, motion
 
     def _keep(self, stream: Arrived) -> None:
         if isinstance(stream, RawScans):
@@ -91,6 +108,23 @@ class SlamFeed:
         covered = bool(motions_ns) and min(motions_ns) >= end_ns
         return covered and self._newest_ns.get(RawImu, rolled_ns) >= rolled_ns
 
+    def _is_stuck(self, scan: Scan) -> bool:
+        now, before = scan.ranges_m.tobytes(), self._before
+        self._before = now
+        self._scans += 1
+        if now != before or np.isfinite(scan.ranges_m).sum() < LEAST_REPEATED:
+            return False
+        self._repeats += 1
+        if self._repeats >= WITHOUT_NOISE * self._scans:
+            return False
+        since, driven = self._driven, self._odometry.seen(scan.span_ns[1])
+        if since is None or driven is None:
+            return False
+        step = between(since.poses[-1], driven.poses[-1])
+        seconds = 1e-9 * float(driven.stamps_ns[-1] - since.stamps_ns[-1])
+        moved_m = float(np.hypot(step[0], step[1]))
+        return moved_m > MOVING_M_S * seconds or abs(float(step[2])) > MOVING_RAD_S * seconds
+
     def _rolled_ns(self, end_ns: int) -> int:
         """Until when the inertial unit has to be known: an interval of the wheels is taken in once
         the gyroscope covers all of it, and without the one that a scan ends in, the scan's last
@@ -114,15 +148,21 @@ class _Held(Generic[_Stream]):
         stamps_ns = (ns for part in self._parts for ns in part.stamps_ns.tolist())
         return min((ns for ns in stamps_ns if ns >= end_ns), default=end_ns)
 
-    def until(self, end_ns: int) -> _Stream | None:
+    def seen(self, end_ns: int) -> _Stream | None:
         """Those up to the first one that is not earlier; None without any."""
         if not self._parts:
             return None
         held = _joined(self._parts)
-        count = int(np.searchsorted(held.stamps_ns, end_ns)) + 1
-        later = _taken(held, slice(count, None))
-        self._parts = [later] if len(later.stamps_ns) else []
-        return _taken(held, slice(0, count))
+        self._parts = [held]
+        return _taken(held, slice(0, int(np.searchsorted(held.stamps_ns, end_ns)) + 1))
+
+    def until(self, end_ns: int) -> _Stream | None:
+        """The same, which are given away."""
+        given = self.seen(end_ns)
+        if given is not None:
+            later = _taken(self._parts[0], slice(len(given.stamps_ns), None))
+            self._parts = [later] if len(later.stamps_ns) else []
+        return given
 
 
 def _joined(parts: Sequence[_Stream]) -> _Stream:

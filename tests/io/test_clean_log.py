@@ -164,6 +164,13 @@ def _drive(is_moving: bool, is_noisy: bool, has_returns: bool = True) -> Recordi
     return read.with_streams(RawScans, [changed]).with_streams(RawOdometry, [odometry])
 
 
+def _made_up() -> Recording:
+    """All scans are the same, as those of other people's tests."""
+    read = recording(10.0)
+    ranges_m = np.full_like(read.scans[0].ranges_m, 2.0)
+    return read.with_streams(RawScans, [replace(read.scans[0], ranges_m=ranges_m)])
+
+
 def test_scans_that_a_stuck_driver_publishes_again_are_left_out() -> None:
     read = _drive(is_moving=True, is_noisy=True)
     log = clean(read, SOURCE)
@@ -180,8 +187,9 @@ def test_scans_that_a_stuck_driver_publishes_again_are_left_out() -> None:
         _drive(is_moving=False, is_noisy=True),
         _drive(is_moving=True, is_noisy=False),
         _drive(is_moving=True, is_noisy=True, has_returns=False),
+        _made_up(),
     ],
-    ids=["stands", "without noise", "sees nothing"],
+    ids=["stands", "without noise", "sees nothing", "made up"],
 )
 def test_scans_that_may_well_be_the_same_are_all_used(read: Recording) -> None:
     log = clean(read, SOURCE)

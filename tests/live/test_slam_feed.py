@@ -12,7 +12,7 @@ from scan_recording import DRIVE_S, healthy
 
 from slamsim.core.types import IntArray
 from slamsim.live.slam_feed import SlamFeed
-from slamsim.recording import RawStream
+from slamsim.recording import RawScans, RawStream, Recording
 from slamsim.slam.online.motion_filter import MotionFilter
 
 
@@ -62,3 +62,23 @@ def test_no_pause_loses_a_scan(ends_s: list[float]) -> None:
     assert scans > len(healthy().scans[0]) - 5
     stamps_ns = np.concatenate(given_ns)
     assert np.array_equal(stamps_ns, healthy().odometries[0].stamps_ns[: len(stamps_ns)])
+
+
+def test_what_a_stuck_driver_publishes_again_is_left_out_and_no_motion_with_it() -> None:
+    lidar, odometry = healthy().scans[0], healthy().odometries[0]
+    speeds_m_s = np.hypot(*np.diff(odometry.positions_m[:, :2], axis=0).T)
+    begin_ns = int(odometry.stamps_ns[np.argmax(speeds_m_s)])
+    first = int(np.searchsorted(lidar.stamps_ns, begin_ns))
+    ranges_m = np.array(lidar.ranges_m)
+    ranges_m[first : first + 5] = ranges_m[first]
+    stuck = healthy().with_streams(RawScans, [replace(lidar, ranges_m=ranges_m)])
+
+    def taken(recording: Recording) -> tuple[list[int], IntArray]:
+        given = list(SlamFeed().take(recording.streams))
+        motions = [motion.odometry.stamps_ns for _, motion in given if motion.odometry is not None]
+        return [scan.stamp_ns for scan, _ in given], np.concatenate(motions)
+
+    whole_ns, motion_ns = taken(healthy())
+    kept_ns, same_motion_ns = taken(stuck)
+    assert sorted(set(whole_ns) - set(kept_ns)) == lidar.stamps_ns[first + 1 : first + 5].tolist()
+    assert np.array_equal(motion_ns, same_motion_ns)

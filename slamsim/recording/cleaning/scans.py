@@ -29,8 +29,13 @@ MOVING_M_S, MOVING_RAD_S = 0.02, 0.05
 """Well above the noise of odometry and of a standing gyroscope (0.01 rad/s), well below any
 drive."""
 
-_WITHOUT_NOISE = 0.5
-"""If more scans of a robot that stands repeat the one before, ranges have no noise."""
+LEAST_REPEATED = 30
+"""Of so few beams that met something chance makes two scans alike: of readings in steps of twice
+their noise half repeat, of 30 such beams all once in 1e9 scans."""
+
+WITHOUT_NOISE = 0.5
+"""If more scans repeat the one before, of all or of those of a robot that stands, it is not the
+driver that is stuck: ranges have no noise, or are made up."""
 
 
 class StoredScans:
@@ -194,8 +199,8 @@ class ScanSurvey:
     """What a pass over all scans of a lidar finds.
 
     rows: (k,) those that describe a lidar. is_repeat: (k,) whether a scan is the one before once
-    more, stamp and all. is_same: (k,) whether one that met something has the ranges of the one
-    before, bit for bit.
+    more, stamp and all. is_same: (k,) whether one of ``LEAST_REPEATED`` returns or more has the
+    ranges of the one before, bit for bit.
     """
 
     def __init__(self, raw: RawScans) -> None:
@@ -217,7 +222,7 @@ class ScanSurvey:
             now = geometry, ranges_m.tobytes()
             same_stamp = bool(rows) and bool(raw.stamps_ns[rows[-1]] == raw.stamps_ns[row])
             is_repeat.append(now == before and same_stamp)
-            is_same.append(now == before and bool(np.isfinite(ranges_m).any()))
+            is_same.append(now == before and np.isfinite(ranges_m).sum() >= LEAST_REPEATED)
             rows.append(row)
             before = now
         self.rows: IntArray = np.array(rows, dtype=np.int64)
@@ -240,8 +245,8 @@ class ScanSurvey:
         """(which scans to use, (k,) in the order of time; in words which not).
 
         Noise alone makes any two scans of a lidar differ; a driver that is stuck publishes its last
-        one again while the robot moves, as if it stood. All are used where those of a robot that
-        stands repeat as well: a lidar without noise.
+        one again while the robot moves, as if it stood. All are used where most repeat, or most of
+        those of a robot that stands.
         """
         kept = np.ones(times.order.size, dtype=np.bool_)
         repeats = self.is_same[times.order][1:] & (np.diff(times.order) == 1)
@@ -252,7 +257,8 @@ class ScanSurvey:
         steps = between(poses[:-1], poses[1:])
         moves = np.hypot(steps[:, 0], steps[:, 1]) > MOVING_M_S * seconds
         moves |= np.abs(steps[:, 2]) > MOVING_RAD_S * seconds
-        if repeats[~moves].sum() > _WITHOUT_NOISE * (~moves).sum():
+        at_rest = repeats[~moves]
+        if max(repeats.mean(), at_rest.mean() if at_rest.size else 0.0) > WITHOUT_NOISE:
             return kept, []
         kept[1:] = ~(repeats & moves)
         stuck = int((~kept).sum())
