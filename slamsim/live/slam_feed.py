@@ -15,10 +15,9 @@ from slamsim.recording import RawImu, RawOdometry, RawScans, RawStream, RawTicks
 from slamsim.recording.cleaning.no_return import AS_DECLARED, RangeLimit
 from slamsim.recording.cleaning.scans import (
     LEAST_REPEATED,
-    MOVING_M_S,
-    MOVING_RAD_S,
     WITHOUT_NOISE,
     RecordedScans,
+    moves,
     usable_rows,
 )
 from slamsim.recording.cleaning.streams import encoders_of, imu_of, odometry_of
@@ -122,8 +121,7 @@ class SlamFeed:
             return False
         step = between(since.poses[-1], driven.poses[-1])
         seconds = 1e-9 * float(driven.stamps_ns[-1] - since.stamps_ns[-1])
-        moved_m = float(np.hypot(step[0], step[1]))
-        return moved_m > MOVING_M_S * seconds or abs(float(step[2])) > MOVING_RAD_S * seconds
+        return bool(moves(step, seconds))
 
     def _rolled_ns(self, end_ns: int) -> int:
         """Until when the inertial unit has to be known: an interval of the wheels is taken in once

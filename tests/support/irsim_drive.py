@@ -37,7 +37,7 @@ BEGIN_NS = 1_700_000_000_000_000_000
 
 @dataclass(frozen=True)
 class Drive:
-    """Where nothing is said of a unit, its name does."""
+    """A drive to random places, the lidar, and how many discs wander about."""
 
     seed: int = 1
     rate_hz: float = 10.0

@@ -38,6 +38,12 @@ WITHOUT_NOISE = 0.5
 driver that is stuck: ranges have no noise, or are made up."""
 
 
+def moves(steps: FloatArray, seconds: FloatArray | float) -> BoolArray:
+    """(...) whether a robot that makes steps (..., 3), m, m, rad, in so many seconds is driven."""
+    along = np.hypot(steps[..., 0], steps[..., 1]) > MOVING_M_S * seconds
+    return np.asarray(along | (np.abs(steps[..., 2]) > MOVING_RAD_S * seconds))
+
+
 class StoredScans:
     """A ScanSource over scans that are in memory already, in the order of their stamps."""
 
@@ -255,12 +261,11 @@ class ScanSurvey:
         at_ns = np.clip(times.stamps_ns, odometry.stamps_ns[0], odometry.stamps_ns[-1])
         poses, seconds = odometry.at(at_ns), np.diff(times.stamps_ns) * 1e-9
         steps = between(poses[:-1], poses[1:])
-        moves = np.hypot(steps[:, 0], steps[:, 1]) > MOVING_M_S * seconds
-        moves |= np.abs(steps[:, 2]) > MOVING_RAD_S * seconds
-        at_rest = repeats[~moves]
+        moved = moves(steps, seconds)
+        at_rest = repeats[~moved]
         if max(repeats.mean(), at_rest.mean() if at_rest.size else 0.0) > WITHOUT_NOISE:
             return kept, []
-        kept[1:] = ~(repeats & moves)
+        kept[1:] = ~(repeats & moved)
         stuck = int((~kept).sum())
         words = f"{stuck} scans repeat the one before while the robot moves: left out"
         return kept, [words] if stuck else []
