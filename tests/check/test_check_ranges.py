@@ -381,6 +381,38 @@ def test_the_step_of_rounded_ranges_is_found(step_m: float, begin_m: float, seed
     assert found == pytest.approx(step_m, abs=2e-4) or (found == 0.0 and step_m < 0.01)
 
 
+@given(
+    step_m=st.floats(0.012, 0.25),
+    noise_steps=st.floats(0.0, 0.15),
+    far_m=st.floats(15.0, 60.0),
+    seed=st.integers(0, 99),
+)
+def test_the_step_of_ranges_that_noise_came_upon_is_found(
+    step_m: float, noise_steps: float, far_m: float, seed: int
+) -> None:
+    """Of places at all distances, however often each was read."""
+    rng = np.random.default_rng(seed)
+    places_m = rng.uniform(0.5, far_m, 8000)
+    true_m = np.concatenate([places_m, np.full(8000, places_m[0])])
+    read_m = np.round(true_m / step_m) * step_m + rng.normal(0.0, noise_steps * step_m, 16_000)
+    assert rounding_step_m(read_m) == pytest.approx(step_m, rel=0.01)
+
+
+@given(
+    places=st.integers(8, 3000),
+    far_m=st.floats(1.0, 60.0),
+    noise_m=st.sampled_from([0.0, 0.003, 0.01, 0.03]),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_few_places_read_again_and_again_keep_no_step(
+    places: int, far_m: float, noise_m: float, seed: int
+) -> None:
+    """A robot at rest, by chance at multiples of anything."""
+    rng = np.random.default_rng(seed)
+    read_m = np.repeat(rng.uniform(0.3, far_m, places), 16_000 // places)
+    assert not rounding_step_m(read_m + rng.normal(0.0, noise_m, read_m.size))
+
+
 @pytest.mark.parametrize(
     ("readings", "found"),
     [

@@ -352,6 +352,18 @@ def test_steps_of_rounded_ranges_are_no_pieces_of_wall() -> None:
     assert np.hypot(left[0], left[1]) < 0.01 and abs(left[2]) < 0.005
 
 
+def test_steps_that_noise_came_upon_are_no_pieces_of_wall() -> None:
+    """What simulators write that follow a beam in steps: circles about the lidar, which went with
+    the robot. A drive of 193 m in MRPT's simulator, steps of 16 cm and 1 cm of noise, was 1.57 m
+    off; it is 18 mm since they are found."""
+    matcher, rng = LineMatcher(FrontEndConfig()), np.random.default_rng(3)
+    for seed in range(60):
+        pose = np.array([*rng.uniform(-2.0, 2.0, 2), rng.uniform(-3.0, 3.0)])
+        stepped = rounded(cloud_at(pose, ROOM, seed, noise_m=0.0), 0.16, 0.0, seed)
+        matcher.pieces(rounded(stepped, 0.0, 0.01, seed))
+    assert matcher.range_noise_m == pytest.approx(0.16 / np.sqrt(12.0), rel=0.02)
+
+
 @pytest.mark.parametrize(("step_m", "noise_m"), [(0.0, 0.003), (0.001, 0.003), (0.01, 0.006)])
 def test_fine_steps_leave_the_noise_that_is_seen(step_m: float, noise_m: float) -> None:
     walls, matcher = cloud_at(np.zeros(3), ROOM, 0, noise_m=0.0), LineMatcher(FrontEndConfig())
