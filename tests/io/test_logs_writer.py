@@ -8,13 +8,25 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
 from log_data import drive, header, readings
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
-from rosbags.interfaces import QosDurability
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
 from rosbags.rosbag2 import Reader
+from rosbags.rosbag2.metadata import dump_qos_v8, dump_qos_v9, parse_qos
 
 from slamsim.core.geometry import xyzw_from_yaw
+from slamsim.io.bag2.metadata import profiles_text
 from slamsim.io.bag2.writer import MCAP_NAME
 from slamsim.io.ros.encoding import encoded_transforms, outgoing, stream_messages, text
 from slamsim.io.ros.layouts import Rows
@@ -36,6 +48,7 @@ from slamsim.simulation.recorder import DriveRecorder
 
 STORE = ros2_types()
 TYPES = STORE.types
+POLICIES = (QosHistory, QosReliability, QosDurability, QosLiveliness)
 
 
 def _time(stamp_ns: int) -> Any:
@@ -278,6 +291,25 @@ def test_latched_topics_say_so(tmp_path: Path) -> None:
                 if qos.durability == QosDurability.TRANSIENT_LOCAL
             }
         assert latched == {"/tf_static", "/robot_description"}
+
+
+@given(
+    policies=st.tuples(*(st.sampled_from(list(kind)) for kind in POLICIES)),
+    depth=st.integers(0, 99),
+    named=st.booleans(),
+)
+def test_quality_of_service_becomes_numbers(
+    policies: tuple[Any, ...], depth: int, named: bool
+) -> None:
+    """As rosbags writes for ROS 2 before Jazzy, from what it writes for any."""
+    history, reliability, durability, liveliness = policies
+    time = QosTime(9223372036, 854775807)
+    quality = [Qos(history, depth, reliability, durability, time, time, liveliness, time, False)]
+    text = profiles_text(dump_qos_v9(quality) if named else dump_qos_v8(quality))
+    assert parse_qos(text) == quality
+    assert all(type(yaml.safe_load(text)[0][key]) is int for key in ("history", "durability"))
+    for none in ("", "a: [", "text", [], None, 7):
+        assert profiles_text(none) == ""
 
 
 def test_same_data_same_bytes_from_anywhere(

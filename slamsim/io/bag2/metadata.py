@@ -1,4 +1,8 @@
-"""The metadata.yaml beside a rosbag2 recording (version 9), and quality of service in YAML."""
+"""The metadata.yaml beside a rosbag2 recording, and quality of service in YAML.
+
+Written is version 8, with policies as numbers in a text: ROS 2 Humble reads no later one ("bad
+conversion", ros2/rosbag2 issue 1895), and Jazzy and Rolling read it as well.
+"""
 
 from __future__ import annotations
 
@@ -17,17 +21,29 @@ from slamsim.io.ros.parts import METADATA
 
 OFFERED_QOS, TYPE_HASH = "offered_qos_profiles", "topic_type_hash"
 """What rosbag2 writes into the metadata of an MCAP channel."""
+VERSION, DISTRO = 8, "iron"
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
+
+_POLICIES = {
+    "history": ("system_default", "keep_last", "keep_all", "unknown"),
+    "reliability": ("system_default", "reliable", "best_effort", "unknown", "best_available"),
+    "durability": ("system_default", "transient_local", "volatile", "unknown", "best_available"),
+    "liveliness": (
+        *("system_default", "automatic", "manual_by_node"),
+        *("manual_by_topic", "unknown", "best_available"),
+    ),
+}
+"""Names in the order of their numbers (rmw/types.h)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """quality_of_service: the offered profiles, as rosbag2 writes them."""
+    """quality_of_service: the offered profiles, as ``profiles_text`` writes them."""
 
     name: str
     type_name: str
     type_hash: str
-    quality_of_service: Sequence[Mapping[str, Any]]
+    quality_of_service: str
     encoding: str = "cdr"
 
 
@@ -39,7 +55,8 @@ def topic_as_declared(
     A reader may want those of metadata.yaml to be the same.
     """
     type_hash = metadata.get(TYPE_HASH) or _known_hash(type_name)
-    return Topic(name, type_name, type_hash, _profiles(metadata.get(OFFERED_QOS, "")), encoding)
+    offered = profiles_text(metadata.get(OFFERED_QOS, ""))
+    return Topic(name, type_name, type_hash, offered, encoding)
 
 
 def topics_announced(information: Mapping[str, Any]) -> dict[str, Topic]:
@@ -50,19 +67,32 @@ def topics_announced(information: Mapping[str, Any]) -> dict[str, Topic]:
         if isinstance(told, dict) and isinstance(told.get("name"), str):
             kind, encoding = str(told.get("type", "")), str(told.get("serialization_format", "cdr"))
             type_hash = str(told.get("type_description_hash") or _known_hash(kind))
-            offered = _profiles(told.get("offered_qos_profiles", ""))
+            offered = profiles_text(told.get(OFFERED_QOS, ""))
             found[told["name"]] = Topic(told["name"], kind, type_hash, offered, encoding)
     return found
 
 
-def _profiles(offered: Any) -> list[dict[str, Any]]:
-    """Quality of service as a list, which it is since ROS 2 Jazzy, or as the text of one."""
+def profiles_text(offered: Any) -> str:
+    """Offered profiles with numbers for the policies, from a list of them, as which ROS 2 writes
+    them since Jazzy, or from the text of one; empty if that is none."""
     if isinstance(offered, str):
         try:
             offered = parse_yaml(offered, Path(METADATA)).data
         except InputRefused:
-            return []
-    return [each for each in offered or () if isinstance(each, dict)]
+            return ""
+    if not isinstance(offered, list):
+        return ""
+    profiles = [_numbered(each) for each in offered if isinstance(each, dict)]
+    return dump_yaml(profiles) if profiles else ""
+
+
+def _numbered(profile: Mapping[str, Any]) -> dict[str, Any]:
+    """Policies that have no such name are unknown."""
+    numbered = dict(profile)
+    for policy, names in _POLICIES.items():
+        if isinstance(named := profile.get(policy), str):
+            numbered[policy] = names.index(named if named in names else "unknown")
+    return numbered
 
 
 @cache
@@ -71,21 +101,20 @@ def _known_hash(type_name: str) -> str:
     return store.hash_rihs01(type_name) if type_name in store.fielddefs else ""
 
 
-def quality_of_service(*, latched: bool) -> list[dict[str, Any]]:
+def quality_of_service(*, latched: bool) -> str:
     """Of our own topics. latched: a late subscriber still gets the last message."""
-    return [
-        {
-            "history": "keep_last",
-            "depth": 1 if latched else 10,
-            "reliability": "reliable",
-            "durability": "transient_local" if latched else "volatile",
-            "deadline": _FOREVER,
-            "lifespan": _FOREVER,
-            "liveliness": "automatic",
-            "liveliness_lease_duration": _FOREVER,
-            "avoid_ros_namespace_conventions": False,
-        }
-    ]
+    profile = {
+        "history": "keep_last",
+        "depth": 1 if latched else 10,
+        "reliability": "reliable",
+        "durability": "transient_local" if latched else "volatile",
+        "deadline": _FOREVER,
+        "lifespan": _FOREVER,
+        "liveliness": "automatic",
+        "liveliness_lease_duration": _FOREVER,
+        "avoid_ros_namespace_conventions": False,
+    }
+    return profiles_text([profile])
 
 
 class _PlainDumper(yaml.CSafeDumper):
@@ -117,12 +146,12 @@ def bag_metadata(
     files: Sequence[BagFile],
     topics: Sequence[Topic],
     custom: Mapping[str, str],
-    distro: str = "jazzy",
+    distro: str = DISTRO,
 ) -> str:
     """The text of metadata.yaml for MCAP files, at least one."""
     first_ns = min(file.time_range_ns[0] for file in files)
     information = {
-        "version": 9,
+        "version": VERSION,
         "storage_identifier": "mcap",
         **_span(first_ns, max(file.time_range_ns[1] for file in files)),
         "message_count": sum(file.messages for file in files),

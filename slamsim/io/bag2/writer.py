@@ -19,7 +19,7 @@ from mcap import records
 from slamsim.core.types import Float32Array, IntArray
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.files import read_input
-from slamsim.io.bag2.metadata import BagFile, Topic, bag_metadata, dump_yaml, quality_of_service
+from slamsim.io.bag2.metadata import BagFile, Topic, bag_metadata, quality_of_service
 from slamsim.io.mcap.writer import McapFile, MessageBatch
 from slamsim.io.ros.encoding import Outgoing, outgoing
 from slamsim.io.ros.layouts import Rows
@@ -184,7 +184,7 @@ class BagFolder(StagedWriter):
                 topic.name,
                 topic.type_name,
                 described(topic.type_name)[1],
-                dump_yaml(topic.quality_of_service),
+                topic.quality_of_service,
             )
             for topic in self._topics
         }

@@ -20,11 +20,12 @@ from rosbags.rosbag1 import Writer as Bag1Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from slamsim.io.bag2.metadata import (
+    DISTRO,
     OFFERED_QOS,
     BagFile,
     Topic,
     bag_metadata,
-    dump_yaml,
+    profiles_text,
     quality_of_service,
     topic_as_declared,
 )
@@ -102,7 +103,7 @@ class Bag2Copy(Copy):
         folder: Path,
         profile: str,
         custom: Mapping[str, str],
-        distro: str = "jazzy",
+        distro: str = DISTRO,
         topics: Mapping[str, Topic] = MappingProxyType({}),
     ) -> None:
         super().__init__()
@@ -130,11 +131,14 @@ class Bag2Copy(Copy):
         known = declaration.type_name in ros2_types().fielddefs
         if known and not definition and declaration.encoding == "cdr":  # older than ROS 2 Iron
             definition = described(declaration.type_name)[1].encode()
+        metadata = dict(declaration.metadata)
+        if offered := profiles_text(metadata.get(OFFERED_QOS, "")):
+            metadata[OFFERED_QOS] = offered
         number = self._writer.register_channel(
             declaration.topic,
             declaration.encoding,
             self._schema(declaration.type_name, declaration.written_as, definition),
-            dict(declaration.metadata),
+            metadata,
         )
         self._declared[number] = declaration
         return int(number)
@@ -148,7 +152,7 @@ class Bag2Copy(Copy):
         return self._schemas[key]
 
     def declare_standard(self, topic: str, type_name: str, *, latched: bool) -> Declaration:
-        metadata = {OFFERED_QOS: dump_yaml(quality_of_service(latched=latched))}
+        metadata = {OFFERED_QOS: quality_of_service(latched=latched)}
         definition = described(type_name)[1].encode()
         return Declaration(topic, type_name, "cdr", "ros2msg", definition, metadata=metadata)
 
