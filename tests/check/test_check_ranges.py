@@ -245,6 +245,14 @@ def test_gravity_tells_what_is_wrong(up: tuple[float, float, float], fault: str)
     assert bad(felt(turning_imu(up))) == [fault]
 
 
+def test_a_few_spikes_hide_no_gravity() -> None:
+    """Twenty of up to 788 m/s^2, of a bad bus, were "gravity missing" beside what they are."""
+    imu = turning_imu()
+    spiky = imu.linear_acceleration_m_s2.copy()
+    spiky[:: len(imu) // 20] *= np.random.default_rng(1).uniform(-80.0, 20.0, (1, 3))
+    assert bad(felt(replace(imu, linear_acceleration_m_s2=spiky))) == ["imu_spikes"]
+
+
 def test_a_unit_that_repeats_its_samples() -> None:
     imu = turning_imu()
     twice = np.repeat(np.arange(0, 2000, 2), 2)

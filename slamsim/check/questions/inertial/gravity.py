@@ -32,7 +32,7 @@ from slamsim.recording.frame_graph import FrameGraph
 from slamsim.recording.repairs.base import Repair
 
 GRAVITY_LIMITS_M_S2 = (9.5, 10.5)
-"""Of the mean over a drive on a floor, as Cartographer's validator has it."""
+"""Of the usual reading of a drive on a floor; Cartographer's validator has them for the mean."""
 UNITS_M_S2 = {
     "multiples of gravity": GRAVITY_M_S2,
     "thousandths of gravity": 1e-3 * GRAVITY_M_S2,
@@ -66,7 +66,7 @@ IMU_AXIS = FaultKind(
 )
 GRAVITY = Question(
     "imu.gravity",
-    "the mean acceleration is gravity",
+    "the median acceleration is gravity",
     (GRAVITY_UNITS, GRAVITY_MISSING),
     unit="m/s^2",
     consequence="filters take gravity, or its lack, for a motion of the robot",
@@ -125,11 +125,11 @@ GROUP = QuestionGroup(
 
 
 def _gravity(imu: RawImu, acceleration: FloatArray) -> Finding:
-    length = float(np.linalg.norm(acceleration.mean(axis=0)))
+    length = float(np.linalg.norm(np.median(acceleration, axis=0)))  # a few spikes weigh nothing
     low, high = GRAVITY_LIMITS_M_S2
     healthy = low <= length <= high
     unit = None if healthy else _unit_of(length)
-    words = f"the mean acceleration is {length:.4g} m/s^2"
+    words = f"the median acceleration is {length:.4g} m/s^2"
     factor = UNITS_M_S2[unit] if unit else 1.0
     return judge(
         GRAVITY,

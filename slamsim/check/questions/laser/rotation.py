@@ -46,7 +46,7 @@ WORLD_FIXED = FaultKind(
         anywhere(
             *(*SIZES, *LIDAR_TIMES, *SWEEPS),
             *("laser_angle_step", "range_offset", "stamps_invented"),
-            *("time_offset_wheels", "clock_drift"),
+            *("time_offset_wheels", "clock_drift", "odometry_unsigned"),
         ),
     ),
 )
