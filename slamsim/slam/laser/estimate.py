@@ -18,8 +18,16 @@ from slamsim.models.wheel_gyro import PARAMETERS
 from slamsim.recording import RawScans, ScanLayout
 from slamsim.slam.failures import Failures
 from slamsim.slam.frontend.motion import Odometry
-from slamsim.slam.laser.calibration import MOUNT, SHAPE, SWEEP, LaserCalibration
+from slamsim.slam.laser.calibration import (
+    ANGLE_SCALE,
+    MOUNT,
+    RANGE_OFFSET,
+    SHAPE,
+    SWEEP,
+    LaserCalibration,
+)
 from slamsim.slam.laser.mount import Mount, find_mount
+from slamsim.slam.laser.noise_bias import noise_bias
 from slamsim.slam.laser.scan_bundle import as_sure_as
 from slamsim.slam.laser.scan_motion import BundledWindow, ScanMotions, window_motions
 from slamsim.slam.laser.scan_windows import choose_windows
@@ -48,6 +56,10 @@ that comes as poses is about some point of the driver's: of four Radish logs it 
 
 LEVEL = 0.98
 """Cosine of the tilt from which on steps in the plane of the scans are none of the floor's."""
+
+BENT = [ANGLE_SCALE, RANGE_OFFSET]
+"""What noise makes of these is looked into before they are corrected; of the sweep it is known
+(``scan_motion.made_up_sweep``)."""
 
 KEPT_BYTES = 64 << 20
 """Recordings with more ranges are read twice."""
@@ -78,6 +90,10 @@ def calibrate_laser(log: Log, odometry: Odometry | None, config: MotionConfig) -
     for looked_at in (some, windows):
         motions = window_motions(scans, looked_at)
         found = _with_shape(unknown, motions)
+        if found.corrected[BENT].any():
+            bias = noise_bias(scans, looked_at, motions)
+            motions = window_motions(scans, looked_at, bias)
+            found = _with_shape(unknown, motions)
         if odometry is not None and _declares_mount(log.T_base_laser):
             later_ns = round(0.5e9 * float((found.used - found.declared)[SWEEP]))
             seen = _from_above(motions.windows, upside_down=log.T_base_laser[2, 2] < 0.0)

@@ -88,6 +88,18 @@ class ShapeEstimate:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class ShapeBias:
+    """By how much sweep, angle scale and range offset come out wrong (3,), and how unsure that is
+    (3,)."""
+
+    numbers: FloatArray
+    sigmas: FloatArray
+
+
+UNBIASED = ShapeBias(np.zeros(SHAPES), np.zeros(SHAPES))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class ScanMotions:
     """What the scans of one lidar say of its motion and of themselves.
 
@@ -97,7 +109,8 @@ class ScanMotions:
     windows are as the true one has them. range_offset_m: by how much ranges are too long.
     contradicted: (3,) whether the scans contradict what is declared of sweep, angle step and
     offset; windows are as they then are. path_by_offset_per_m: by which share a path grows for each
-    metre that ranges are taken to be longer than they should. weak: why there is little or nothing.
+    metre that ranges are taken to be longer than they should. range_noise_m: as seen in the
+    median window, nan without one. weak: why there is little or nothing.
     """
 
     topic: str
@@ -109,7 +122,13 @@ class ScanMotions:
     range_offset_m: ShapeEstimate
     contradicted: BoolArray
     path_by_offset_per_m: float
+    range_noise_m: float
     weak: str = ""
+
+    @property
+    def shape(self) -> FloatArray:
+        """(3,) sweep, angle step and range offset as found."""
+        return np.array([self.sweep_s.value, self.angle_step.value, self.range_offset_m.value])
 
     @property
     def first(self) -> IntArray:
@@ -149,8 +168,11 @@ def scan_motions(scans: RawScans, activity: FloatArray | None = None) -> ScanMot
     return window_motions(scans, choose_windows(scans.stamps_ns, activity))
 
 
-def window_motions(scans: RawScans, windows: list[IntArray]) -> ScanMotions:
-    """The same by given windows: (k,) indices of scans in a row, a few seconds each."""
+def window_motions(
+    scans: RawScans, windows: list[IntArray], bias: ShapeBias = UNBIASED
+) -> ScanMotions:
+    """The same by given windows: (k,) indices of scans in a row, a few seconds each. bias: of the
+    shape, which is taken off."""
     reader = BeamReader(scans)
 
     tracks = _tracked(scans, reader, windows)
@@ -164,9 +186,9 @@ def window_motions(scans: RawScans, windows: list[IntArray]) -> ScanMotions:
         tracks = _tracked(scans, reader, windows)
         first = _as_declared(tracks, reader)
 
-    shape, fits, pulls = _fit(tracks, reader, first)
+    shape, fits, pulls = _fit(tracks, reader, first, bias)
 
-    return _motions(scans, reader, (tracks, fits), shape, pulls)
+    return _motions(scans, reader, (tracks, fits), (shape, bias), pulls)
 
 
 def _tracked(scans: RawScans, reader: BeamReader, windows: list[IntArray]) -> list[LaserTrack]:
@@ -192,7 +214,7 @@ def _as_declared(tracks: list[LaserTrack], reader: BeamReader) -> list[WindowFit
 
 
 def _fit(
-    tracks: list[LaserTrack], reader: BeamReader, fits: list[WindowFit]
+    tracks: list[LaserTrack], reader: BeamReader, fits: list[WindowFit], bias: ShapeBias
 ) -> tuple[Shape, list[WindowFit], ShapePull]:
     """All windows with the shape of the scans that fits best; fits: as it is declared.
 
@@ -200,10 +222,11 @@ def _fit(
     offset of 3 cm, angles that are right look 0.3 % wrong, 3.4 sigmas.
     """
     shape = declared = Shape(reader.declared_sweep_s, 1.0, 0.0)
+    expected = Shape(*(declared.numbers + bias.numbers).tolist())
     pull, free = ShapePull.of(fits), np.zeros(SHAPES, dtype=np.bool_)
     for _ in range(MAX_PASSES):
-        unmodelled = _unmodelled(shape, reader, pull, (tracks, fits))
-        doubts = np.where(free, 0.0, pull.doubts(shape, declared, unmodelled))
+        unmodelled = np.hypot(_unmodelled(shape, reader, pull, (tracks, fits)), bias.sigmas)
+        doubts = np.where(free, 0.0, pull.doubts(shape, expected, unmodelled))
         free |= (doubts > 1.0) & (doubts == doubts.max())
         step = pull.step(free)
         if pull.still(step):
@@ -219,12 +242,15 @@ def _motions(
     scans: RawScans,
     reader: BeamReader,
     windows: tuple[list[LaserTrack], list[WindowFit]],
-    shape: Shape,
+    found: tuple[Shape, ShapeBias],
     pull: ShapePull,
 ) -> ScanMotions:
+    shape, bias = found
     given_up = shape.numbers != np.array([reader.declared_sweep_s, 1.0, 0.0])
     best = shape.moved(np.where(given_up, pull.step(given_up), pull.step()))
-    sigmas = np.hypot(pull.sigmas(), _unmodelled(best, reader, pull, windows))
+    unmodelled = np.hypot(_unmodelled(best, reader, pull, windows), bias.sigmas)
+    sigmas = np.hypot(pull.sigmas(), unmodelled)
+    sweep_s, angle_scale, range_offset_m = (best.numbers - bias.numbers).tolist()
     unit = reader.metres_per_unit
     return ScanMotions(
         topic=scans.topic,
@@ -233,13 +259,14 @@ def _motions(
         ),
         metres_per_unit=unit,
         radians_per_unit=reader.radians_per_unit,
-        sweep_s=ShapeEstimate(best.sweep_s, sigmas[0], reader.declared_sweep_s),
+        sweep_s=ShapeEstimate(sweep_s, sigmas[0], reader.declared_sweep_s),
         angle_step=ShapeEstimate(
-            best.angle_scale * reader.angle_scale, sigmas[1] * reader.angle_scale, 1.0
+            angle_scale * reader.angle_scale, sigmas[1] * reader.angle_scale, 1.0
         ),
-        range_offset_m=ShapeEstimate(best.range_offset_m, sigmas[2], 0.0),
+        range_offset_m=ShapeEstimate(range_offset_m, sigmas[2], 0.0),
         contradicted=given_up | np.array([False, reader.angle_scale != 1.0, False]),
         path_by_offset_per_m=_path_by_offset(windows[1]),
+        range_noise_m=float(np.median([one.noise_m for one in windows[0]] or [np.nan])),
         weak="" if windows[0] else "scans do not fit one another",
     )
 
