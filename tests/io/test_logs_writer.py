@@ -308,8 +308,8 @@ def test_quality_of_service_becomes_numbers(
     text = profiles_text(dump_qos_v9(quality) if named else dump_qos_v8(quality))
     assert parse_qos(text) == quality
     assert all(type(yaml.safe_load(text)[0][key]) is int for key in ("history", "durability"))
-    for none in ("", "a: [", "text", [], None, 7):
-        assert profiles_text(none) == ""
+    nothing: tuple[Any, ...] = ("", "a: [", "text", [], None, 7)
+    assert [profiles_text(each) for each in nothing] == [""] * len(nothing)
 
 
 def test_same_data_same_bytes_from_anywhere(
