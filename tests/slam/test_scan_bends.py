@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scan_recording import scan_motions
 
 from slamsim.core.types import FloatArray
 from slamsim.models.line_bundle import fit_lines
@@ -16,7 +17,6 @@ from slamsim.slam.laser.scan_bends import (
     fit_bends,
     straightened,
 )
-from slamsim.slam.laser.scan_motion import scan_motions
 
 STARTS = np.array([0, 5, 12])
 

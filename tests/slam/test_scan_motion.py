@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scan_recording import LIDAR, healthy, truth, with_layout, with_ranges
+from scan_recording import LIDAR, healthy, scan_motions, truth, with_layout, with_ranges
 
 from slamsim.core.geometry import between, compose
 from slamsim.core.types import FloatArray
@@ -20,7 +20,7 @@ from slamsim.slam.laser.scan_beams import BeamReader
 from slamsim.slam.laser.scan_bends import BEND_FIELDS, LARGEST_BEND_PER_M, fit_bends
 from slamsim.slam.laser.scan_bundle import SHAPE_PRIOR_SIGMAS, Shape, ShapePull, WindowFit
 from slamsim.slam.laser.scan_equations import POSE, SHAPES, UNKNOWNS, moved_points, window_system
-from slamsim.slam.laser.scan_motion import ScanMotions, scan_motions
+from slamsim.slam.laser.scan_motion import ScanMotions
 from slamsim.slam.laser.scan_sweep import local_motion, moved_pieces, velocity_weights
 from slamsim.slam.laser.scan_track import LaserTrack
 from slamsim.slam.laser.scan_windows import (

@@ -11,6 +11,8 @@ from simulated import drive, labyrinth, noisy_gyro, noisy_wheels, sense_scans
 from slamsim.core.geometry import xyzw_from_yaw
 from slamsim.core.types import FloatArray, PlanarTrajectory, Scan, ScanGeometry
 from slamsim.recording import RawImu, RawOdometry, RawScans, Recording, ScanLayout
+from slamsim.slam.laser.scan_motion import ScanMotions, window_motions
+from slamsim.slam.laser.scan_windows import choose_windows
 
 LIDAR = ScanGeometry(np.deg2rad(-135.0), np.deg2rad(0.75), 361, 208_333, 0.1, 30.0)
 """A slow Hokuyo with every third beam: 75 ms from the first to the last."""
@@ -42,6 +44,11 @@ def world_fixed() -> Recording:
     path = truth()
     still = PlanarTrajectory(path.stamps_ns, path.poses * np.array([1.0, 1.0, 0.0]))
     return recording(raw_scans(sense_scans(world()[0], still, LIDAR, NOISE_M, 0)), 0)
+
+
+def scan_motions(scans: RawScans) -> ScanMotions:
+    """By windows all over the recording."""
+    return window_motions(scans, choose_windows(scans.stamps_ns, None))
 
 
 def raw_scans(scans: list[Scan]) -> RawScans:

@@ -27,7 +27,7 @@ from slamsim.slam.laser.calibration import (
     LaserCalibration,
 )
 from slamsim.slam.laser.mount import Mount, find_mount
-from slamsim.slam.laser.noise_bias import noise_bias
+from slamsim.slam.laser.noise_bias import without_noise_bias
 from slamsim.slam.laser.scan_bundle import as_sure_as
 from slamsim.slam.laser.scan_motion import BundledWindow, ScanMotions, window_motions
 from slamsim.slam.laser.scan_windows import choose_windows
@@ -91,8 +91,7 @@ def calibrate_laser(log: Log, odometry: Odometry | None, config: MotionConfig) -
         motions = window_motions(scans, looked_at)
         found = _with_shape(unknown, motions)
         if found.corrected[BENT].any():
-            bias = noise_bias(scans, looked_at, motions)
-            motions = window_motions(scans, looked_at, bias)
+            motions = without_noise_bias(scans, looked_at, motions)
             found = _with_shape(unknown, motions)
         if odometry is not None and _declares_mount(log.T_base_laser):
             later_ns = round(0.5e9 * float((found.used - found.declared)[SWEEP]))

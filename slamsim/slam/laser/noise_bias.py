@@ -14,6 +14,7 @@ import numpy as np
 
 from slamsim.core.types import Float32Array, IntArray
 from slamsim.recording import RawScans
+from slamsim.slam.laser.scan_beams import BeamReader
 from slamsim.slam.laser.scan_motion import ScanMotions, ShapeBias, window_motions
 
 DRAWS = 2
@@ -24,8 +25,10 @@ UNSURE_SHARE = 0.5
 what there is, and not all of the shift grows with its square."""
 
 
-def noise_bias(scans: RawScans, windows: list[IntArray], motions: ScanMotions) -> ShapeBias:
-    """By how much the shape that was found in these windows is wrong, nearly. motions: of them."""
+def without_noise_bias(
+    scans: RawScans, windows: list[IntArray], motions: ScanMotions
+) -> ScanMotions:
+    """The motions of these windows again, their shape without what noise makes of it."""
     shifts = []
     for seed in range(DRAWS):
         noisier = _noisier(scans, motions.range_noise_m, seed)
@@ -33,16 +36,17 @@ def noise_bias(scans: RawScans, windows: list[IntArray], motions: ScanMotions) -
         shifts.append(np.where(np.isfinite(shift), shift, 0.0))
     shift = np.mean(shifts, axis=0)
     scatter = np.std(shifts, axis=0, ddof=1) / np.sqrt(DRAWS)
-    return ShapeBias(shift, np.hypot(scatter, UNSURE_SHARE * np.abs(shift)))
+    bias = ShapeBias(shift, np.hypot(scatter, UNSURE_SHARE * np.abs(shift)))
+    return window_motions(scans, windows, bias)
 
 
 def _noisier(scans: RawScans, noise_m: float, seed: int) -> RawScans:
-    """The same scans with independent noise upon each range that is one."""
-    rng = np.random.default_rng(seed)
+    """The same scans with independent noise upon each range; what is none stays, to the bit."""
+    rng, reader = np.random.default_rng(seed), BeamReader(scans)
 
-    def louder(ranges_m: Float32Array) -> Float32Array:
-        noise = rng.normal(0.0, noise_m, ranges_m.shape)
-        is_range = np.isfinite(ranges_m) & (ranges_m > 0.0)
-        return np.where(is_range, np.maximum(ranges_m + noise, 0.0), ranges_m).astype(np.float32)
+    def louder(scan: int) -> Float32Array:
+        ranges = np.asarray(scans.ranges_m[scan], dtype=np.float32)
+        noise = rng.normal(0.0, noise_m / reader.metres_per_unit, ranges.shape)
+        return np.where(reader.returns(scan), ranges + noise, ranges).astype(np.float32)
 
-    return replace(scans, ranges_m=[louder(row) for row in scans.ranges_m])
+    return replace(scans, ranges_m=[louder(scan) for scan in range(len(scans))])

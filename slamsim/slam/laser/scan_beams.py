@@ -84,6 +84,12 @@ class BeamReader:
         points = _points(ranges, angles, own, limits)
         return Cloud(0, points, np.zeros_like(points), np.ones(len(points), np.bool_))
 
+    def returns(self, scan: int) -> BoolArray:
+        """(beams,) which readings of one scan are ranges of something that is not the robot."""
+        metres = np.asarray(self._scans.ranges_m[scan], dtype=np.float64) * self.metres_per_unit
+        own = self._own if self._own.size == metres.size else np.zeros(metres.size, np.bool_)
+        return np.isfinite(metres) & (metres > self._low) & (metres < self._high) & ~own
+
     def _directions(self, scan: int, beams: int) -> FloatArray:
         key = (int(self._scans.layout_of[scan]), beams)
         if key not in self._angles:

@@ -26,7 +26,7 @@ from slamsim.slam.laser.scan_equations import POSE, SHAPES
 from slamsim.slam.laser.scan_scale import rough_angle_scale
 from slamsim.slam.laser.scan_sweep import local_motion, velocity_weights
 from slamsim.slam.laser.scan_track import LaserTrack, track_window
-from slamsim.slam.laser.scan_windows import choose_windows, period_s
+from slamsim.slam.laser.scan_windows import period_s
 from slamsim.slam.matching.surfaces import X, Y
 
 MAX_PASSES = 6
@@ -159,20 +159,14 @@ class ScanMotions:
         return np.repeat(np.arange(len(sizes)), sizes)
 
 
-def scan_motions(scans: RawScans, activity: FloatArray | None = None) -> ScanMotions:
-    """The motion of a lidar by its scans alone.
-
-    activity: (n,) how lively the robot is at each scan, by whatever tells; windows are chosen
-    where most happens. It decides nothing else.
-    """
-    return window_motions(scans, choose_windows(scans.stamps_ns, activity))
-
-
 def window_motions(
     scans: RawScans, windows: list[IntArray], bias: ShapeBias = UNBIASED
 ) -> ScanMotions:
-    """The same by given windows: (k,) indices of scans in a row, a few seconds each. bias: of the
-    shape, which is taken off."""
+    """The motion of a lidar by its scans alone.
+
+    windows: each (k,) indices of scans in a row, a few seconds of them (``choose_windows``). bias:
+    of the shape, which is taken off.
+    """
     reader = BeamReader(scans)
 
     tracks = _tracked(scans, reader, windows)

@@ -12,14 +12,12 @@ import numpy as np
 from slamsim.check.calibration.explanation import Explanation
 from slamsim.check.fault_groups import LIDAR_TIMES, SWEEPS
 from slamsim.check.findings import SURE_SIGMAS, Curve, Finding, Measurement, Plot, Verdict, decide
+from slamsim.check.motion.laser_steps import ANGLE_LIMIT
 from slamsim.check.question import FaultKind, Question, anywhere, judge
 from slamsim.check.wording import signed_words
 from slamsim.recording import RecordingFormat
 from slamsim.recording.repairs.base import Repair
 from slamsim.slam.laser.scan_motion import ScanMotions, ShapeEstimate
-
-ANGLE_LIMIT = 5e-4
-"""0.05 % between beams is a fifth of a degree in a full turn; walls are no straighter."""
 
 OFFSET_LIMIT_M = 0.03
 """What edges of the beam and dark surfaces do to a healthy lidar, and what blurs a map."""
