@@ -8,7 +8,9 @@ as much noise again shifts them as much again (simulation extrapolation: Cook & 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import overload
 
 import numpy as np
 
@@ -31,7 +33,7 @@ def without_noise_bias(
     """The motions of these windows again, their shape without what noise makes of it."""
     shifts = []
     for seed in range(DRAWS):
-        noisier = _noisier(scans, motions.range_noise_m, seed)
+        noisier = replace(scans, ranges_m=_Noisier(scans, motions.range_noise_m, seed))
         shift = window_motions(noisier, windows).shape - motions.shape
         shifts.append(np.where(np.isfinite(shift), shift, 0.0))
     shift = np.mean(shifts, axis=0)
@@ -40,13 +42,26 @@ def without_noise_bias(
     return window_motions(scans, windows, bias)
 
 
-def _noisier(scans: RawScans, noise_m: float, seed: int) -> RawScans:
-    """The same scans with independent noise upon each range; what is none stays, to the bit."""
-    rng, reader = np.random.default_rng(seed), BeamReader(scans)
+class _Noisier(Sequence[Float32Array]):
+    """Rows of ranges with independent noise upon each range, made as they are asked for; what is
+    no range stays, to the bit."""
 
-    def louder(scan: int) -> Float32Array:
-        ranges = np.asarray(scans.ranges_m[scan], dtype=np.float32)
-        noise = rng.normal(0.0, noise_m / reader.metres_per_unit, ranges.shape)
-        return np.where(reader.returns(scan), ranges + noise, ranges).astype(np.float32)
+    def __init__(self, scans: RawScans, noise_m: float, seed: int) -> None:
+        self._scans, self._reader, self._seed = scans, BeamReader(scans), seed
+        self._noise = noise_m / self._reader.metres_per_unit
 
-    return replace(scans, ranges_m=[louder(scan) for scan in range(len(scans))])
+    def __len__(self) -> int:
+        return len(self._scans)
+
+    @overload
+    def __getitem__(self, at: int) -> Float32Array: ...
+
+    @overload
+    def __getitem__(self, at: slice) -> list[Float32Array]: ...
+
+    def __getitem__(self, at: int | slice) -> Float32Array | list[Float32Array]:
+        if isinstance(at, slice):
+            return [self[scan] for scan in range(*at.indices(len(self)))]
+        ranges = np.asarray(self._scans.ranges_m[at], dtype=np.float32)
+        noise = np.random.default_rng((self._seed, at)).normal(0.0, self._noise, ranges.shape)
+        return np.where(self._reader.returns(at), ranges + noise, ranges).astype(np.float32)
