@@ -64,4 +64,4 @@ class _Noisier(Sequence[Float32Array]):
             return [self[scan] for scan in range(*at.indices(len(self)))]
         ranges = np.asarray(self._scans.ranges_m[at], dtype=np.float32)
         noise = np.random.default_rng((self._seed, at)).normal(0.0, self._noise, ranges.shape)
-        return np.where(self._reader.returns(at), ranges + noise, ranges).astype(np.float32)
+        return np.where(self._reader.returns(ranges), ranges + noise, ranges).astype(np.float32)

@@ -78,15 +78,13 @@ class BeamReader:
     def cloud(self, scan: int) -> Cloud:
         """The returns of one scan in metres, in the laser frame at the instant of each beam."""
         ranges = np.asarray(self._scans.ranges_m[scan], dtype=np.float32)
-        angles = self._directions(scan, ranges.size)
-        own = self._own if self._own.size == ranges.size else np.zeros(ranges.size, np.bool_)
-        limits = (self.metres_per_unit, self._low, self._high)
-        points = _points(ranges, angles, own, limits)
+        directions = self._directions(scan, ranges.size)
+        points = _points(ranges, directions, self.returns(ranges), self.metres_per_unit)
         return Cloud(0, points, np.zeros_like(points), np.ones(len(points), np.bool_))
 
-    def returns(self, scan: int) -> BoolArray:
+    def returns(self, ranges: Float32Array) -> BoolArray:
         """(beams,) which readings of one scan are ranges of something that is not the robot."""
-        metres = np.asarray(self._scans.ranges_m[scan], dtype=np.float64) * self.metres_per_unit
+        metres = ranges.astype(np.float64) * self.metres_per_unit
         own = self._own if self._own.size == metres.size else np.zeros(metres.size, np.bool_)
         return np.isfinite(metres) & (metres > self._low) & (metres < self._high) & ~own
 
@@ -187,19 +185,17 @@ def _sweep_s(layout: ScanLayout, beams: int) -> float:
 def _points(
     ranges: Float32Array,
     directions: FloatArray,
-    own: BoolArray,
-    limits: tuple[float, float, float],
+    returns: BoolArray,
+    unit: float,
 ) -> FloatArray:
-    unit, low, high = limits
     points, kept = np.empty((ranges.size, 2)), 0
     last = np.empty(2)
     reach = np.empty(ranges.size)
     index = np.empty(ranges.size, np.int64)
     count = 0
     for i in range(ranges.size):
-        metres = ranges[i] * unit
-        if np.isfinite(metres) and metres > low and metres < high and not own[i]:
-            reach[count], index[count] = metres, i
+        if returns[i]:
+            reach[count], index[count] = ranges[i] * unit, i
             count += 1
     for k in range(count):
         here = reach[k]

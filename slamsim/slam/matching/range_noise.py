@@ -139,7 +139,7 @@ def _crowded_step_m(readings_m: FloatArray) -> float:
     bins = bins[bins < CROWDED_REACH_M / CROWDED_BIN_M]
     counts = np.bincount(bins).astype(np.float64)
     nearby = uniform_filter1d(counts, round(EVEN_OVER_M / CROWDED_BIN_M), mode="constant")
-    weights = np.where(counts > 0.0, counts / np.maximum(nearby, 1e-12), 0.0)
+    weights = counts / np.maximum(nearby, 1e-12)
     padded = FINER * weights.size
     shares = np.abs(np.fft.rfft(weights, padded))
     cycles = np.arange(shares.size) / (padded * CROWDED_BIN_M)
