@@ -164,7 +164,7 @@ def recording_at(path: Path) -> Path:
             return path
         if len(path.suffixes) > 1 and set(path.suffixes[-2:]) <= set(PACKINGS):
             raise InputRefused(path, PACKED_TWICE)
-        suffix = path.suffix or "no suffix"
+        suffix = path.suffix or "a name without a suffix"
         raise InputRefused(path, f"{suffix} is not a known log format; {_about(known)}")
     for each in known:
         for name in (".", LOG, TABLES):

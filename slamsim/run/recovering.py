@@ -8,7 +8,7 @@ from pathlib import Path
 from slamsim.console.reporter import Reporter
 from slamsim.guard.numbers import as_json
 from slamsim.guard.output import partial_folder
-from slamsim.guard.quantities import as_size, as_time
+from slamsim.guard.quantities import as_count, as_size, as_time
 from slamsim.io.salvage.recover import recover
 from slamsim.io.salvage.report import Loss, Recovered, TopicReport
 from slamsim.io.salvage.source import Damaged
@@ -50,7 +50,7 @@ def _as_json(source: Damaged, found: Recovered) -> dict[str, object]:
 
 def _show(reporter: Reporter, found: Recovered) -> None:
     rows = {topic.topic: _topic_in_words(topic) for topic in found.topics}
-    reporter.table(f"Recovered: {found.messages:,} messages", rows)
+    reporter.table(f"Recovered: {as_count(found.messages, 'message')}", rows)
     for loss in found.losses[:_SHOWN_LOSSES]:
         reporter.say(_loss_in_words(loss))
     if (more := len(found.losses) - _SHOWN_LOSSES) > 0:
@@ -63,12 +63,14 @@ def _show(reporter: Reporter, found: Recovered) -> None:
 
 def _topic_in_words(topic: TopicReport) -> str:
     lost = f"{'' if topic.lost_is_known else 'about '}{topic.lost:,} lost"
-    kept = f"{topic.messages:,} messages, {as_time(topic.seconds)}, {as_size(topic.bytes)}"
+    kept = (
+        f"{as_count(topic.messages, 'message')}, {as_time(topic.seconds)}, {as_size(topic.bytes)}"
+    )
     return f"{kept}; {lost if topic.lost else 'none lost'}"
 
 
 def _loss_in_words(loss: Loss) -> str:
     gap = "" if loss.gap_s is None else f", {as_time(loss.gap_s)}"
-    messages = "" if not loss.messages else f", {sum(loss.messages.values()):,} messages"
+    messages = "" if not loss.messages else f", {as_count(sum(loss.messages.values()), 'message')}"
     size = f"{as_size(loss.bytes)}{gap}{messages}"
     return f"Lost at byte {loss.first_byte:,} of {loss.path.name}: {size}: {loss.reason}"

@@ -70,7 +70,8 @@ def test_a_bad_line_of_it_is_named(csv: Path) -> None:
 
 
 def test_without_its_module_it_is_no_known_kind(tmp_path: Path) -> None:
-    path = tmp_path / "drive.csv"
-    path.write_text(LINES[0])
-    with pytest.raises(InputRefused, match=r"\.csv is not a known log format"):
-        open_recording(path)
+    for name, told in ("drive.csv", r"\.csv"), ("drive", "a name without a suffix"):
+        path = tmp_path / name
+        path.write_text(LINES[0])
+        with pytest.raises(InputRefused, match=f"{told} is not a known log format"):
+            open_recording(path)

@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from bag_data import ROS2, Robot, as_mcap, as_rosbag2
 from fault_recovery import MANY, cuts, damaged
+from foreign_bags import drive as foreign_drive
+from foreign_bags import offered_in_numbers, sent, store_of, write
 from log_data import drive, header, readings
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
@@ -204,6 +206,17 @@ def test_foreign_recordings_of_rosbags_are_rebuilt(tmp_path: Path) -> None:
     assert told.messages == len(ROBOT.drive())
     assert messages_in(tmp_path / "out" / "log.mcap") == messages_in(log / "log.mcap")
     assert len(list(read_log(tmp_path / "out").scans)) > 1
+
+
+@pytest.mark.parametrize("kind", ["rosbag2_mcap", "rosbag2_sqlite"])
+def test_what_ros_2_jazzy_recorded_can_be_played_by_humble(kind: str, tmp_path: Path) -> None:
+    store = store_of(kind)
+    messages = list(sent(kind, store, foreign_drive(store, 3)))
+    log = write(kind, tmp_path / "log", messages, store)
+    (tmp_path / "out").mkdir()
+    told = recover(damaged_recording(log), tmp_path / "out")
+    assert told.messages == len(messages) and not told.losses
+    assert offered_in_numbers(tmp_path / "out").keys() == {each.topic for each in messages}
 
 
 def test_nothing_to_recover_is_refused(tmp_path: Path) -> None:

@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
+from mcap.reader import make_reader
 from mcap.writer import CompressionType
 from mcap.writer import Writer as McapWriter
 from rosbags.interfaces import (
@@ -237,6 +239,25 @@ def write(kind: str, path: Path, messages: Sequence[Sent], store: Any) -> Path:
                 )
             writer.write(known[each.topic], each.log_ns, each.data)
     return path
+
+
+def offered_in_numbers(folder: Path) -> dict[str, str]:
+    """What a rosbag2 folder offers as quality of service on each topic: MCAP and metadata.yaml
+    agree, and ROS 2 Humble reads it: policies as numbers, in a text of metadata version 8."""
+    information = yaml.safe_load((folder / "metadata.yaml").read_text())
+    information = information["rosbag2_bagfile_information"]
+    (mcap,) = folder.glob("*.mcap")
+    with mcap.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        channels = [channel for _, channel, _ in reader.iter_messages()]
+    found = {each.topic: each.metadata["offered_qos_profiles"] for each in channels}
+    for entry in information["topics_with_message_count"]:
+        announced = entry["topic_metadata"]
+        assert announced["offered_qos_profiles"] == found[announced["name"]]
+    profiles = [each for offered in found.values() for each in yaml.safe_load(offered)]
+    policies = [each[name] for each in profiles for name in ("history", "durability", "liveliness")]
+    assert information["version"] == 8 and all(type(each) is int for each in policies)
+    return found
 
 
 def _qos() -> Qos:

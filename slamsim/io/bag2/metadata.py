@@ -55,8 +55,15 @@ def topic_as_declared(
     A reader may want those of metadata.yaml to be the same.
     """
     type_hash = metadata.get(TYPE_HASH) or _known_hash(type_name)
-    offered = profiles_text(metadata.get(OFFERED_QOS, ""))
-    return Topic(name, type_name, type_hash, offered, encoding)
+    return Topic(name, type_name, type_hash, metadata.get(OFFERED_QOS, ""), encoding)
+
+
+def with_numbered_policies(metadata: Mapping[str, str]) -> dict[str, str]:
+    """The metadata of an MCAP channel, with profiles as ``profiles_text`` writes them."""
+    numbered = dict(metadata)
+    if offered := numbered.get(OFFERED_QOS):
+        numbered[OFFERED_QOS] = profiles_text(offered)
+    return numbered
 
 
 def topics_announced(information: Mapping[str, Any]) -> dict[str, Topic]:

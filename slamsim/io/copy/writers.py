@@ -10,6 +10,7 @@ import tempfile
 from abc import abstractmethod
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
@@ -25,9 +26,9 @@ from slamsim.io.bag2.metadata import (
     BagFile,
     Topic,
     bag_metadata,
-    profiles_text,
     quality_of_service,
     topic_as_declared,
+    with_numbered_policies,
 )
 from slamsim.io.bag2.writer import MCAP_NAME, described
 from slamsim.io.ros.message_types import normal_type_name, ros2_types
@@ -131,16 +132,14 @@ class Bag2Copy(Copy):
         known = declaration.type_name in ros2_types().fielddefs
         if known and not definition and declaration.encoding == "cdr":  # older than ROS 2 Iron
             definition = described(declaration.type_name)[1].encode()
-        metadata = dict(declaration.metadata)
-        if offered := profiles_text(metadata.get(OFFERED_QOS, "")):
-            metadata[OFFERED_QOS] = offered
+        metadata = with_numbered_policies(declaration.metadata)
         number = self._writer.register_channel(
             declaration.topic,
             declaration.encoding,
             self._schema(declaration.type_name, declaration.written_as, definition),
             metadata,
         )
-        self._declared[number] = declaration
+        self._declared[number] = replace(declaration, metadata=metadata)
         return int(number)
 
     def _schema(self, name: str, written_as: str, definition: bytes) -> int:

@@ -14,6 +14,7 @@ from mcap import records
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
+from slamsim.io.bag2.metadata import with_numbered_policies
 from slamsim.io.mcap.framing import McapStream
 from slamsim.io.mcap.reader import MESSAGE_HEAD, RECORD_HEAD, records_in
 from slamsim.io.mcap.summary import Declaration, declaration
@@ -22,6 +23,13 @@ from slamsim.io.salvage.report import DecodableMessages, RecoveryReport
 
 _Place = tuple[int, int, int, int]
 """(channel, log time, first byte, end) of a message record in its chunk."""
+
+
+def _readable_by_all(declared: Declaration) -> Declaration:
+    """A channel with the policies of its quality of service as numbers; a schema as it is."""
+    if isinstance(declared, records.Schema):
+        return declared
+    return replace(declared, metadata=with_numbered_policies(declared.metadata))
 
 
 class McapFiller:
@@ -46,7 +54,7 @@ class McapFiller:
 
     def declare(self, declared: Declaration) -> None:
         """A schema or a channel, to be used from here on."""
-        declared = self._later.get((type(declared), declared.id), declared)
+        declared = _readable_by_all(self._later.get((type(declared), declared.id), declared))
         known = self.schemas if isinstance(declared, records.Schema) else self.channels
         if known.get(declared.id) == declared:
             return
@@ -75,10 +83,11 @@ class McapFiller:
         return True
 
     def chunk(self, chunk: records.Chunk, content: bytes) -> int:
-        """A whole chunk as it is; how many messages are left out, for nothing declares them."""
+        """A whole chunk, as it is if ROS 2 Humble can read what it declares; how many messages are
+        left out, for nothing declares them."""
         self._pack()
         declared, places, undeclared = self._in_order(content)
-        if undeclared or not places:
+        if undeclared or not places or declared != [_readable_by_all(each) for each in declared]:
             for each in declared:
                 self.declare(each)
             for _, _, start, end in places:

@@ -177,7 +177,8 @@ class _Cleaning:
             there = ", ".join(kind[:60] for kind in sorted(kinds)[:9]) or "no message at all"
             needed = "a FLASER or ROBOTLASER1 line" if is_carmen else RawScans.schema.type_name
             reason = f"a log without scans: {needed} is needed, there is {there}"
-            raise WithoutScans(self._source, reason + without_scans(self._topics))
+            shown = "; `slamsim info` shows what it holds"
+            raise WithoutScans(self._source, reason + without_scans(self._topics) + shown)
         carried = {each.topic: each for each in self._recording.odometries}
         raw = self._stream(RawScans, topics[0])
         return raw, carried.get(raw.topic)
