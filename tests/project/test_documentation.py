@@ -18,6 +18,7 @@ from short_drives import cut_drives_short
 
 from slamsim.check.registry import registry
 from slamsim.cli.main import app
+from slamsim.config.loading import load_run_config
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md")])
@@ -27,6 +28,22 @@ programs are run by ``test_edits.py`` and ``test_check_questions.py``."""
 ELSEWHERE = ("dask_jobqueue", "dask_kubernetes", 'open("rooms")')
 """Blocks that import these need a cluster; rooms are a data set with images, which takes minutes to
 make: ``test_dataset_images.py`` does the same with a small one."""
+
+OTHER_PROGRAMS = {
+    "$(command -v sudo) apt-get ": "../.ci/run",
+    "sudo apt-get install ": "../.ci/run",
+    "python3.11 -m venv ": "../.ci/run",
+    "python3.12 -m venv ": "../.ci/run",
+    ".venv/bin/pip install ": "../.ci/run",
+    "python -m slamsim.ros": "ros/test_ros_node.py",
+    "python examples/": "project/test_examples.py",
+    "ros2 launch ": "ros/test_ros_node.py",
+    "ros2 bag record ": None,
+    "source ": None,
+    "docker ": None,
+}
+"""How commands of others than slamsim begin, and what runs the like of them; None: it takes ROS 2,
+or the right to make containers."""
 
 sys.path.insert(0, str(ROOT / "docs" / "hooks"))
 
@@ -49,6 +66,29 @@ def commands() -> list[str]:
     lines = (line for _, text in blocks("bash") for line in text.splitlines())
     calls = (line.rsplit("&&", maxsplit=1)[-1].strip() for line in lines)
     return [call for call in calls if re.match(r"(\S*/)?slamsim ", call)]
+
+
+def lines_of_others() -> list[str]:
+    """What README and site show to be typed beside calls of slamsim."""
+    pages = [page for page in PAGES if page.name != "CONTRIBUTING.md"]
+    lines = (line for _, text in blocks("bash", pages) for line in text.splitlines())
+    return [
+        line
+        for line in lines
+        if line and not line.startswith(("#", "slamsim ", ".venv/bin/slamsim "))
+    ]
+
+
+def test_what_is_typed_beside_slamsim_is_known_to_run() -> None:
+    lines, first = lines_of_others(), tuple(OTHER_PROGRAMS)
+    assert [line for line in lines if not line.startswith(first)] == []
+    assert [one for one in first if not any(line.startswith(one) for line in lines)] == []
+    assert all((ROOT / "tests" / test).is_file() for test in OTHER_PROGRAMS.values() if test)
+    for where, text in blocks("bash"):
+        done = subprocess.run(
+            ["bash", "-n"], input=text, text=True, capture_output=True, check=False
+        )
+        assert done.returncode == 0, f"{where}: {done.stderr}"
 
 
 def test_every_block_is_of_a_kind_that_is_tried() -> None:
@@ -109,9 +149,14 @@ def test_a_command_is_one(call: str) -> None:
         command.make_context(call, words)
 
 
-def test_settings_shown_are_yaml() -> None:
+def test_settings_shown_are_yaml_and_those_of_slamsim_are_settings(tmp_path: Path) -> None:
     settings = [yaml.safe_load(text) for _, text in blocks("yaml")]
     assert settings and all(settings)
+    ours = [one for one in settings if "sensors" in one]
+    assert ours
+    for one in ours:
+        (tmp_path / "shown.yaml").write_text(yaml.safe_dump(one))
+        load_run_config("tiny", str(tmp_path / "shown.yaml"))
 
 
 def anchors(page: Path) -> set[str]:

@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
+import pytest
 from sources import imports_of
 
 import slamsim
@@ -27,6 +28,10 @@ OF_ROS = {"rclpy", "rcl_interfaces", "launch", "launch_ros"}
 """Modules that a ROS 2 installation has, and no package index."""
 PARTS = {"markupsafe": "jinja2", "pydantic-core": "pydantic"}
 """Distributions that belong to another one, which pins them."""
+
+
+COMPILES_AHEAD = "slamsim map tiny --set sensors.lidar=lds_01"
+"""What an installation runs, so that no later command waits for the compiler."""
 
 
 def distribution(requirement: str) -> str:
@@ -73,6 +78,44 @@ def test_constraints_pin_what_is_declared() -> None:
     pinned = {distribution(line) for line in lines if not line.startswith("#")}
     everything = declared().union(*map(declared, PROJECT["optional-dependencies"]))
     assert everything - pinned <= {"open3d", "atheris"}  # of other processors; only for fuzzing
+
+
+def test_the_page_on_installing_names_every_package_and_extra() -> None:
+    page = (ROOT / "docs" / "install.md").read_text()
+    assert {
+        name for name in declared() | OPTIONAL.keys() if not re.search(rf"\b{name}\b", page)
+    } == set()
+    extras = re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE)
+    assert sorted(extras) == sorted(PROJECT["optional-dependencies"])
+
+
+INSTALLS = "Dockerfile", ".devcontainer/devcontainer.json", "docs/install.md", "docs/ros.md"
+
+
+@pytest.mark.parametrize("name", INSTALLS)
+def test_an_installation_compiles_ahead(name: str) -> None:
+    assert f"{COMPILES_AHEAD} " in (ROOT / name).read_text()
+
+
+@pytest.mark.slow
+def test_what_is_compiled_ahead_is_what_the_first_recording_needs(tmp_path: Path) -> None:
+    """With another lidar, read from a file, and checked: two kernels are left to ``check``."""
+    cache = tmp_path / "cache"
+
+    def compiled_by(*words: str) -> int:
+        before = len([*cache.rglob("*.nbc")])
+        command = [sys.executable, "-m", *words, "--quiet"]
+        environment = os.environ | {"NUMBA_CACHE_DIR": str(cache)}
+        subprocess.run(
+            command, cwd=tmp_path, env=environment, stdout=subprocess.DEVNULL, check=True
+        )
+        return len([*cache.rglob("*.nbc")]) - before
+
+    assert compiled_by(*COMPILES_AHEAD.split()) > 100
+    other = "--set", "sensors.lidar=rplidar_a2", "--set", "drive.route.max_duration_s=20"
+    compiled_by("slamsim", "simulate", "tiny", "--drive-seed", "1", "--out", "drive", *other)
+    assert compiled_by("slamsim", "map", "drive", "--out", "mapped") == 0
+    assert compiled_by("slamsim", "check", "drive") <= 3
 
 
 def test_the_changelog_tells_of_this_version() -> None:

@@ -62,14 +62,26 @@ def pages(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
         )
         for depth, about in enumerate(("", "moves, /tf", "fixed, x -0.06 m, z 0.122 m", "fixed"))
     )
-    report = CheckReport("recording", (finding,), {"all": 1.0}, frames=frames)
+    open_one = Finding(
+        "time.receipt_drift", "/encoder_ticks", "inconclusive", 9 * "some words ", estimate=size,
+        limit=5.0,
+    )  # fmt: skip
+    report = CheckReport("recording", (finding, open_one), {"all": 1.0}, frames=frames)
     write_check_page(folder / "check.html", report)
     return {name: folder / f"{name}.html" for name in ("run", "check")}
 
 
 @pytest.mark.parametrize("name", ["run", "check"])
 @pytest.mark.parametrize(
-    ("width", "scheme"), [(390, "light"), (390, "dark"), (1300, "light"), (1440, "dark")]
+    ("width", "scheme"),
+    [
+        (390, "light"),
+        (390, "dark"),
+        (800, "light"),
+        (1000, "dark"),
+        (1300, "light"),
+        (1440, "dark"),
+    ],
 )
 def test_a_page_is_readable(
     name: str, width: int, scheme: str, pages: dict[str, Path], call: Any
@@ -78,4 +90,5 @@ def test_a_page_is_readable(
     assert found["wide"] <= found["screen"] == width
     assert found["pale"] == [] and found["clipped"] == [] and found["outside"] == []
     assert found["sizes"] and min(found["sizes"]) > 9.0
+    assert found["cut"] == [] and (name == "run" or max(found["sizes"]) < 15.0)
     assert max(found["sizes"]) < 1.25 * min(found["sizes"]), "charts in one type size"

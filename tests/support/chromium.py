@@ -35,12 +35,19 @@ LAYOUT = """
     const style = getComputedStyle(one), svg = one.closest("svg");
     const a = shade(svg ? style.fill : style.color), b = shade(ground(svg || one));
     return [(Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05), one.textContent.trim()]; });
+  const cut = td => {
+    const range = document.createRange();
+    const nodes = [...td.childNodes].filter(node => node.nodeType == 3);
+    return nodes.some(node => [...node.textContent.matchAll(/[^\\s/-]+/g)].some(word => {
+      range.setStart(node, word.index); range.setEnd(node, word.index + word[0].length);
+      return new Set([...range.getClientRects()].map(box => box.top)).size > 1; })); };
   const inked = [...document.querySelectorAll("figure svg text")];
   return JSON.stringify({
     wide: document.documentElement.scrollWidth, screen: innerWidth,
     pale: contrast.filter(([c]) => c < 4.5),
     clipped: words.filter(one => !one.closest("svg, .scroll, pre")
       && one.scrollWidth > one.clientWidth + 1 && one.clientWidth).map(o => o.textContent),
+    cut: [...document.querySelectorAll(".words td")].filter(cut).map(td => td.textContent),
     sizes: inked.map(text => parseFloat(getComputedStyle(text).fontSize)
       * text.ownerSVGElement.getBoundingClientRect().width
       / text.ownerSVGElement.viewBox.baseVal.width),
