@@ -13,6 +13,7 @@ from slamsim.config.slam import SlamConfig
 from slamsim.core.types import FloatArray
 from slamsim.slam.backend import back_end
 from slamsim.slam.backend.back_end import BackEnd
+from slamsim.slam.closures.closure import Expected
 from slamsim.slam.closures.submaps import Submap
 from slamsim.slam.frontend.keyframes import Keyframe
 from slamsim.slam.frontend.parts import Parts
@@ -77,7 +78,20 @@ def test_a_run_is_held_against_the_map_where_odometry_has_it(
     before = [room(WIDE, 0, 0.0), room(DEEP, 4, 40.0)]  # the second is of the run itself
     found = contradicts_what_was_before(
         lambda number: room(seen, number, 20.0 + number),
-        *(before, poses, size, AsUsual(usual), range(2, 6)),
+        *(before, poses, size, AsUsual(usual), range(2, 6), lambda *_: True),
+    )
+    assert found == contradicts
+
+
+@pytest.mark.parametrize(("held", "contradicts"), [([(0, 1), (4, 0)], False), ([(1, 4)], True)])
+def test_a_run_that_may_have_drifted_across_a_wall_contradicts_nothing(
+    held: list[tuple[int, int]], contradicts: bool
+) -> None:
+    before, poses = [room(WIDE, 0, 0.0), room(WIDE, 1, 5.0)], np.zeros((6, 3))
+    found = contradicts_what_was_before(
+        lambda number: room(DEEP, number, 20.0 + number),
+        *(before, poses, SubmapConfig(), AsUsual(0.0), range(2, 6)),
+        lambda *pair: pair in held,
     )
     assert found == contradicts
 
@@ -89,7 +103,7 @@ def test_a_map_that_knows_nothing_of_the_place_contradicts_nothing() -> None:
     for before in ([], [room(WIDE, 0, 0.0)]):
         run = range(2, 6)
         assert not contradicts_what_was_before(
-            lambda _: query, before, poses, size, AsUsual(0.0), run
+            lambda _: query, before, poses, size, AsUsual(0.0), run, lambda *_: True
         )
 
 
@@ -103,8 +117,14 @@ def test_a_run_ends_where_the_next_begins() -> None:
 class Joined:
     """What ``BackEnd`` asks of its solution: all key frames in one place."""
 
-    def __init__(self, parts: Parts, count: int) -> None:
+    def __init__(self, parts: Parts, count: int, sigma_m: float = 0.0) -> None:
         self.parts, self.poses, self.solved = parts, np.zeros((count, 3)), 0
+        self.sigma_m = sigma_m
+
+    def expected(self, anchor: int, index: int) -> Expected:
+        """The map from before is unsure, and the last run as well."""
+        unsure = anchor < 4 or index >= 12
+        return Expected(np.zeros(3), unsure * self.sigma_m**2 * np.eye(3))
 
     def loosen(self, begin: int) -> None:
         self.parts.confirm(begin)
@@ -119,17 +139,20 @@ class Plain:
 
 
 @pytest.mark.parametrize(
-    ("rooms", "near", "carried_to"),
+    ("rooms", "near", "sigma_m", "carried_to"),
     [
-        ((WIDE, WIDE, WIDE), True, ()),
-        ((WIDE, DEEP, DEEP), True, (4,)),  # odometry has the last run where it has the one before
-        ((WIDE, WIDE, DEEP), True, (9,)),
-        ((WIDE, DEEP, DEEP), False, ()),  # it has drifted across the map from before
+        ((WIDE, WIDE, WIDE), True, 0.05, ()),
+        # odometry has the last run where it has the one before
+        ((WIDE, DEEP, DEEP), True, 0.05, (4,)),
+        ((WIDE, WIDE, DEEP), True, 0.05, (9,)),
+        ((WIDE, DEEP, DEEP), False, 0.05, ()),  # it has drifted across the map from before
+        ((WIDE, DEEP, DEEP), True, 0.11, ()),  # or may have
     ],
 )
 def test_a_run_after_one_that_was_carried_to_is_not_held_against_the_map_from_before_both(
     rooms: tuple[tuple[float, float], ...],
     near: bool,
+    sigma_m: float,
     carried_to: tuple[int, ...],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -137,7 +160,7 @@ def test_a_run_after_one_that_was_carried_to_is_not_held_against_the_map_from_be
     end, parts = BackEnd(SlamConfig()), Parts()
     for begin in (4, 9):
         parts.begin(begin, linked=True)
-    solution = Joined(parts, count)
+    solution = Joined(parts, count, sigma_m)
     monkeypatch.setattr(end, "_solution", solution)
     monkeypatch.setattr(end, "_around", lambda k: room(rooms[runs[k]], k, 20.0 * runs[k]))
     monkeypatch.setattr(end._cutter, "keyframes", [Plain()] * count)

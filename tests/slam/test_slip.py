@@ -8,13 +8,16 @@ import numpy as np
 import pytest
 from simulated import Simulated, ate_rmse_m, labyrinth, noisy_wheels, simulate
 
-from slamsim.config.slam import FrontEndConfig
+from slamsim.config.slam import FrontEndConfig, MotionConfig
 from slamsim.core.geometry import between, compose
 from slamsim.core.result import Event
 from slamsim.core.types import FloatArray, PlanarTrajectory
-from slamsim.slam.frontend.motion import log_odometry
+from slamsim.models.differential_drive import Reading
+from slamsim.slam.frontend.motion import Increments, Odometry, log_odometry
 from slamsim.slam.frontend.odometry import FrontEnd
+from slamsim.slam.frontend.prediction import Predictor
 from slamsim.slam.frontend.slip import OPENED_M, WINDOW_S, Look, SlipWatch, coasted
+from slamsim.slam.matching.base import Match
 
 STEP_NS = 100_000_000
 SURE = np.square([0.001, 0.001, 0.0005])
@@ -68,6 +71,23 @@ def test_wheels_that_contradict_the_gyroscope_are_told_without_any_match() -> No
     assert event.words == "turns by the wheels and by the gyroscope differ by 29 degrees"
     assert doubts[15][0] == OPENED_M**2 and doubts[15][2] == 0.0
     assert not np.any(doubts[-1])
+
+
+@pytest.mark.parametrize(("gyro_rad", "matched"), [(0.0, False), (0.05, False), (0.0, True)])
+def test_where_wheels_contradict_the_gyroscope_a_lost_scan_may_be_far_from_the_odometry(
+    gyro_rad: float, matched: bool
+) -> None:
+    """A wheel spins beside a wall: the next scan must not be taken for that of another place."""
+    stamps_ns = np.arange(21) * STEP_NS
+    steps = np.tile([0.05, 0.0, 0.05, gyro_rad], (20, 1))
+    odometry = Odometry(Increments(stamps_ns, steps), Reading(0.001, 0.001, 0.0005, 0.0005))
+    predictor = Predictor(MotionConfig(), odometry)
+    for stamp_ns in stamps_ns:
+        prediction = predictor.predict(int(stamp_ns))
+        match = Match(prediction.T_map_base, 1e6 * np.eye(3), 1.0, 1.0, np.zeros((0, 3)))
+        predictor.update(prediction, match if matched else None)
+    sigma_m = np.sqrt(predictor.covariance[0, 0])
+    assert (sigma_m > OPENED_M) == (gyro_rad == 0.0 and not matched)
 
 
 def test_constant_velocity_is_taken_only_while_it_does_better() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,13 +25,20 @@ SURE = 1e-6 * np.eye(3)
 TICK_NS = 40_000_000
 
 
-def seen(steps_m: Sequence[float], sigmas: Sequence[float], tick_ns: int = TICK_NS) -> list[Event]:
+def seen(
+    steps_m: Sequence[float],
+    sigmas: Sequence[float],
+    tick_ns: int = TICK_NS,
+    turns_rad: Sequence[float] = (0.0,) * 5,
+    gyro: bool = False,
+) -> list[Event]:
     """What is told of scans that were matched so far, and so many sigmas, from their odometry."""
     watch, told = SuddenSteps(), []
     none, here = OdometryStep.none(np.zeros(PARAMETERS)), np.array([1.0, 2.0, 0.5])
-    for number, (step_m, off) in enumerate(zip(steps_m, sigmas, strict=True)):
-        at = Prediction(number * tick_ns, here, SURE, here, here, here, False, none, SURE)
-        there = compose(here, np.array([0.0, step_m, 0.0]))
+    by = replace(none, seconds=tick_ns * 1e-9, gyro_s=tick_ns * 1e-9 * gyro)
+    for number, (step_m, turn_rad, off) in enumerate(zip(steps_m, turns_rad, sigmas, strict=False)):
+        at = Prediction(number * tick_ns, here, SURE, here, here, here, False, by, SURE)
+        there = compose(here, np.array([0.0, step_m, turn_rad]))
         event = watch.see(at, Match(there, np.eye(3), 1.0, 1.0, np.zeros((0, 3))), off)
         told += [] if event is None else [event]
     return told
@@ -57,6 +65,25 @@ def test_what_a_robot_can_do_is_no_sudden_step(
     steps_m: list[float], sigmas: list[float], tick_ns: int
 ) -> None:
     assert seen(steps_m, sigmas, tick_ns) == []
+
+
+@pytest.mark.parametrize(
+    ("gyro", "step_m", "turn_rad", "told"),
+    [
+        pytest.param(True, 0.01, 0.03, True, id="no push turns a robot and not its gyroscope"),
+        pytest.param(False, 0.01, 0.03, False, id="wheels alone do not feel a push"),
+        pytest.param(True, 0.01, 0.015, False, id="a rough wall"),
+        pytest.param(True, 0.1, 0.025, False, id="a push of which the turn is noise"),
+    ],
+)
+def test_a_turn_that_the_gyroscope_did_not_feel_is_told_however_slow_the_scans(
+    gyro: bool, step_m: float, turn_rad: float, told: bool
+) -> None:
+    turns_rad = [0.0, 0.0, turn_rad, 0.0, 0.0]
+    events = seen(
+        [0.0, 0.0, step_m, 0.0, 0.0], [1.0, 1.0, 12.0, 1.0, 1.0], 200_000_000, turns_rad, gyro
+    )
+    assert len(events) == told
 
 
 ONE_SIDE = [(4.3, 1.0), (4.9, 1.0), (5.9, 1.0), (7.6, 1.0), (8.0, 1.0)]

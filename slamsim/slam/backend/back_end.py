@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from slamsim.config.slam import SlamConfig
-from slamsim.core.geometry import between, compose
+from slamsim.core.geometry import adjoint, between, compose
 from slamsim.core.progress import Progress, silent
 from slamsim.core.result import Event, GraphEdge, MapGraph
 from slamsim.core.types import FloatArray, IntArray, PlanarPoses
@@ -30,7 +30,7 @@ from slamsim.slam.calibration.solve import Solved
 from slamsim.slam.closures.images import ImageCandidates
 from slamsim.slam.closures.search import ClosureSearch
 from slamsim.slam.closures.submap_cutter import SubmapCutter
-from slamsim.slam.closures.submaps import Submap
+from slamsim.slam.closures.submaps import WALL_MARGIN_M, Submap
 from slamsim.slam.closures.visits import Visits
 from slamsim.slam.closures.whole_part import WholeParts
 from slamsim.slam.failures import Failures
@@ -44,7 +44,7 @@ from slamsim.slam.mapping.health import (
     contradicts_what_was_before,
     tears,
 )
-from slamsim.slam.mapping.joints import doubtful_joints, open_loops
+from slamsim.slam.mapping.joints import SURE_SIGMAS, doubtful_joints, open_loops
 
 CALIBRATION_ROUNDS = 2
 
@@ -366,14 +366,27 @@ class BackEnd:
         """Whether the run that begins here contradicts the map where odometry puts it.
 
         Only that of which the run before tells where it is: once that one was carried to, odometry
-        says nothing of the map from before it; and after a kilometre without a loop, that a run
-        lies across what was seen at its start is the drift.
+        says nothing of the map from before it; and where the run may have drifted across a wall, as
+        after a kilometre without a loop, that it lies across what was seen before is the drift.
         """
         parts, poses, size = self._solution.parts, self._solution.poses, self._config.submaps
         run = range(begin, parts.end(begin, len(self.keyframes)), EVERY_KEYFRAMES)
         near = self._search.within_reach(self._around(begin))
         known = [one for one in near if parts.linked(one.last, begin - 1)]
-        return contradicts_what_was_before(self._around, known, poses, size, usual, run)
+
+        def sure(anchor: int, number: int) -> bool:
+            return self._drift_m(anchor, begin, number) <= WALL_MARGIN_M
+
+        return contradicts_what_was_before(self._around, known, poses, size, usual, run, sure)
+
+    def _drift_m(self, anchor: int, begin: int, number: int) -> float:
+        """How far a key frame of the run that begins at one may, with 95 %, be off as seen from an
+        earlier key frame, if the run begins where odometry has it."""
+        before = self._solution.expected(anchor, begin - 1).covariance
+        within = self._solution.expected(begin, number).covariance
+        carry = adjoint(between(self._solution.poses[number], self._solution.poses[begin - 1]))
+        variances = np.linalg.eigvalsh((carry @ before @ carry.T + within)[:2, :2])
+        return SURE_SIGMAS * float(np.sqrt(variances[1]))
 
     def _lose_odometry(self, carried_to: Iterable[int]) -> None:
         """Nothing tells where these key frames are, seen from the ones before."""

@@ -202,12 +202,15 @@ class Predictor:
         self.jumps += prediction.jump
         followed = prediction.T_map_hold if prediction.jump else prediction.T_map_base
         T_map_base = followed if match is None else match.T_map_base
+        odometry = self._judge(prediction, match)
         if match is None:
             self._covariance = prediction.covariance
+            if odometry is not None and self._slip.twisting:  # the gyroscope tells, not the scans
+                self._covariance = self._covariance + np.diag(odometry.doubt)
         else:
             prior = np.linalg.inv(prediction.covariance)
             self._covariance = np.linalg.inv(prior + match.information)
-        self.step = self._since_last_scan(prediction, self._judge(prediction, match))
+        self.step = self._since_last_scan(prediction, odometry)
         self._held_ns = None
         if self._last is not None:
             seconds = (prediction.stamp_ns - self._last.stamp_ns) * 1e-9

@@ -78,6 +78,8 @@ class SlipWatch:
         self._events: list[Event] = []
         self.coasting = False
         """Whether constant velocity has lately told the way better than slipping wheels."""
+        self.twisting = False
+        """Whether wheels have lately turned otherwise than the gyroscope."""
 
     def see(self, look: Look) -> FloatArray:
         """(3,) variances m^2, m^2, rad^2 by which odometry over this step is to be doubted."""
@@ -85,6 +87,7 @@ class SlipWatch:
         while look.end_ns - self._looks[0].end_ns > WINDOW_S * 1e9:
             self._looks.popleft()
         far_m, far_rad, far_turn = self._far()
+        self.twisting = far_turn
         self.coasting = far_m and self._coasts_better()
         if not (far_m or far_rad or far_turn):
             self._close(look)

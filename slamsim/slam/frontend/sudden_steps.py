@@ -30,6 +30,13 @@ that come sooner were stamped late: some of intel's are 1 ms apart."""
 ROUGH_M = 0.02
 """Walls are rough, and maps of them coarse, by so much at most."""
 
+ROUGH_RAD = 0.02
+"""The same, seen on walls 1 m away."""
+
+GYRO_SHARE = 0.9
+"""A gyroscope that was read for so much of the time between two scans has felt the turn between
+them."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Step:
@@ -42,7 +49,8 @@ class _Step:
 
 class SuddenSteps:
     """Sees each match; one that is farther from the last than any slipping takes a robot counts if
-    the next one is where odometry has it: wheels that slip do so for longer."""
+    the next one is where odometry has it: wheels that slip do so for longer. However it is pushed,
+    a gyroscope turns with the robot: a turn that it did not feel is none by slipping."""
 
     def __init__(self) -> None:
         self._matched_ns: int | None = None
@@ -62,17 +70,29 @@ class SuddenSteps:
         self._usual_s += LEARN_GAIN * (gap_s - self._usual_s)
         # Pushed for half of the time and stopped in the other half.
         slid_m = 0.25 * FRICTION_M_S2 * seconds**2
-        if sigmas > SUDDEN_SIGMAS and np.hypot(off[0], off[1]) > slid_m + ROUGH_M:
+        slipped = np.hypot(off[0], off[1]) <= slid_m + ROUGH_M
+        if sigmas > SUDDEN_SIGMAS and not (slipped and _felt(prediction, match, sigmas)):
             self._step = _Step(since_ns, prediction.stamp_ns, off)
             return None
         return None if before is None or sigmas > SUDDEN_SIGMAS else _told(before)
+
+
+def _felt(prediction: Prediction, match: Match, sigmas: float) -> bool:
+    """Whether the gyroscope, if there is one, felt all of the turn between two scans."""
+    odometry = prediction.odometry
+    if odometry is None or not odometry.gyro_s > GYRO_SHARE * odometry.seconds > 0.0:
+        return True
+    turn_rad = abs(float(between(prediction.T_map_base, match.T_map_base)[2]))
+    turn_sigmas = turn_rad / np.sqrt(prediction.covariance[2, 2])
+    turn_sigmas *= sigmas / prediction.distance(match)
+    return bool(turn_rad <= ROUGH_RAD or turn_sigmas <= SUDDEN_SIGMAS)
 
 
 def _told(step: _Step) -> Event:
     x_m, y_m, turn_rad = step.T_odometry_match.tolist()
     words = (
         f"the scans went {np.hypot(x_m, y_m):.2f} m and {abs(np.rad2deg(turn_rad)):.0f} degrees "
-        "from one to the next of which the odometry says nothing, faster than a robot can slide: "
-        "it may have been carried to a place that looks alike, and the map be torn there"
+        "from one to the next of which the odometry says nothing, as no robot can slide: it may "
+        "have been carried to a place that looks alike, and the map be torn there"
     )
     return Event(step.start_ns, step.end_ns, "torn", words)

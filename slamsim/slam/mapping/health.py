@@ -219,14 +219,17 @@ def contradicts_what_was_before(
     size: SubmapConfig,
     usual: Usual,
     run: range,
+    sure: Callable[[int, int], bool],
 ) -> bool:
     """Whether what was seen from a run of key frames contradicts the map from before it, as one
     that is torn does: odometry alone has the run where it is, and no closure found it there.
 
     query_of, submaps, size, usual: as for ``tears``. poses: (n, 3) T_map_base of all key frames.
+    sure: whether two of them are where the poses have them, as seen from each other, if the robot
+    was not carried.
     """
     before = [submap for submap in submaps if submap.last < run.start]
-    _, smooth = _contradictions(query_of, before, poses, size, run)
+    _, smooth = _contradictions(query_of, before, poses, size, run, sure)
     return any(_is_strange(share, usual) for share in smooth.tolist())
 
 
@@ -240,11 +243,12 @@ def _contradictions(
     poses: FloatArray,
     size: SubmapConfig,
     seen_from: Sequence[int],
+    sure: Callable[[int, int], bool] = lambda *_: True,
 ) -> tuple[IntArray, FloatArray]:
     """(k,) numbers of key frames about which the map of other times knows something, and (k,) how
     much it contradicts what was seen from there, averaged over neighbours."""
     worst: dict[int, list[float]] = {}
-    for submap, queries in _pairs(query_of, submaps, poses, seen_from):
+    for submap, queries in _pairs(query_of, submaps, poses, seen_from, sure):
         space = space_grid(submap, size.resolution_m, size.radius_m)
         for query in queries:
             T = between(poses[submap.anchor], poses[query.anchor])
@@ -260,6 +264,7 @@ def _pairs(
     submaps: Sequence[Submap],
     poses: FloatArray,
     seen_from: Sequence[int],
+    sure: Callable[[int, int], bool],
 ) -> list[tuple[Submap, list[Submap]]]:
     """Submaps, and what was seen near by, about some key frames, at other times."""
     if not submaps:
@@ -274,7 +279,8 @@ def _pairs(
         distance_m = np.hypot(*(middles_m - here_m).T)
         other_time = (to_m < query.from_path_m - APART_M) | (from_m > query.to_path_m + APART_M)
         near = np.flatnonzero(other_time & (distance_m < NEAR_M))
-        chosen = near[np.argsort(distance_m[near], kind="stable")][:MAX_PAIRS]
-        for k in chosen.tolist():
+        nearest = near[np.argsort(distance_m[near], kind="stable")].tolist()
+        placed = (k for k in nearest if sure(submaps[k].anchor, number))
+        for k in itertools.islice(placed, MAX_PAIRS):
             queries[k].append(query)
     return [(one, there) for one, there in zip(submaps, queries, strict=True) if there]
