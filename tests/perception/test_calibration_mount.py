@@ -68,6 +68,18 @@ def test_mount_clock_and_shutter_are_found(short: Driven) -> None:
     assert found.sigma("x_m") < 0.003 and found.sigma("late_s") < 0.001
 
 
+def test_a_robot_that_rocks_tells_the_mount_all_the_same() -> None:
+    """By 0.2 degrees, as one does that stands on two wheels and a caster: more than a pixel."""
+    rocking = replace(SHORT, tilt_sigma=0.004)
+    found = fitted(driven(3, rocking), rocking)
+    assert found.explains
+    off = errors(found, rocking)
+    for name in (*PLANE, *CLOCK):
+        assert abs(off[name]) < 4.5 * found.sigma(name), name
+    assert max(abs(off["x_m"]), abs(off["y_m"])) < 0.008
+    assert abs(off["late_s"]) < 0.002
+
+
 def test_a_path_in_the_plane_does_not_tell_the_height_but_a_survey_does(short: Driven) -> None:
     blind = fitted(short)
     assert blind.sigma("z_m") > 0.5

@@ -8,9 +8,11 @@ of pixels; the path is known with errors that last for seconds, as SLAM makes th
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 from simulated import drive
 
 from slamsim.cameras.lens import CameraModel, pinhole
@@ -37,7 +39,8 @@ def off_by(step: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Setting:
-    """What is so. noise_px: of a corner. path_sigmas: m and rad, of errors that last path_s."""
+    """What is so. noise_px: of a corner. path_sigmas: m and rad, of errors that last path_s, as do
+    tilts of the robot (rad)."""
 
     T_base_camera: FloatArray = field(
         default_factory=lambda: off_by(np.array([0.02, -0.015, 0.01, 0.008, -0.017, 0.026]))
@@ -47,6 +50,7 @@ class Setting:
     readout_s: float = 0.02
     noise_px: float = 0.08
     path_sigmas: tuple[float, float] = (0.001, 0.0005)
+    tilt_sigma: float = 0.0
     path_s: float = 3.0
     seconds: float = 60.0
     rate_hz: float = 10.0
@@ -92,13 +96,18 @@ def _estimated(
     at = slice(None, None, 4)
     stamps_ns, poses = truth.stamps_ns[at], truth.poses[at].copy()
     shift_m, turn_rad = setting.path_sigmas
-    sigmas = np.array([shift_m, shift_m, turn_rad])
-    kept = np.exp(-0.02 / setting.path_s)
-    error = rng.normal(0.0, 1.0, 3)
-    for row in range(len(poses)):
-        poses[row] += sigmas * error
-        error = kept * error + np.sqrt(1.0 - kept**2) * rng.normal(0.0, 1.0, 3)
+    poses += _wandering(len(poses), setting, rng) * [shift_m, shift_m, turn_rad]
     return PlanarTrajectory(stamps_ns, poses)
+
+
+def _wandering(count: int, setting: Setting, rng: np.random.Generator) -> FloatArray:
+    """(count, 3) at 50 Hz, of standard deviation 1."""
+    kept = np.exp(-0.02 / setting.path_s)
+    values = np.zeros((count, 3))
+    values[0] = rng.normal(0.0, 1.0, 3)
+    for row in range(1, count):
+        values[row] = kept * values[row - 1] + np.sqrt(1.0 - kept**2) * rng.normal(0.0, 1.0, 3)
+    return values
 
 
 def _views(
@@ -106,7 +115,17 @@ def _views(
 ) -> TagViews:
     last_ns, late_ns = int(truth.stamps_ns[-1]), round(1e9 * setting.late_s)
     exposed_ns = np.arange(400_000_000, last_ns - 400_000_000, round(1e9 / setting.rate_hz))
-    found = [_seen(truth, exposed_ns, T_map_tag, setting) for T_map_tag in tags]
+    known_ns = np.arange(0, last_ns + 20_000_000, 20_000_000)
+    tilts = setting.tilt_sigma * _wandering(len(known_ns), setting, np.random.default_rng(last_ns))
+
+    def base_at(at_ns: IntArray) -> FloatArray:
+        roll, pitch = (np.interp(at_ns, known_ns, tilts[:, axis]) for axis in range(2))
+        tilted = Rotation.from_euler("xy", np.column_stack([roll, pitch])).as_matrix()
+        T = se3_from_se2(truth.at(at_ns))
+        T[:, :3, :3] = T[:, :3, :3] @ tilted
+        return T
+
+    found = [_seen(base_at, exposed_ns, T_map_tag, setting) for T_map_tag in tags]
     numbers = np.repeat(np.arange(len(tags)), [len(each[0]) for each in found])
     stamps_ns, pixels, poses = (np.concatenate([each[k] for each in found]) for k in range(3))
     noisy = pixels + rng.normal(0.0, setting.noise_px, pixels.shape)
@@ -117,7 +136,10 @@ def _views(
 
 
 def _seen(
-    truth: PlanarTrajectory, exposed_ns: IntArray, T_map_tag: FloatArray, setting: Setting
+    base_at: Callable[[IntArray], FloatArray],
+    exposed_ns: IntArray,
+    T_map_tag: FloatArray,
+    setting: Setting,
 ) -> tuple[IntArray, FloatArray, FloatArray]:
     """(k,) exposures in which a tag is seen well, (k, 4, 2) its corners' pixels, T_camera_tag."""
     pixels = np.zeros((len(exposed_ns), 4, 2))
@@ -126,8 +148,8 @@ def _seen(
         for corner, point in enumerate(corners):
             shares = np.clip(pixels[:, corner, 1] / (setting.model.height - 1), 0.0, 1.0)
             at_ns = exposed_ns + np.rint(1e9 * setting.readout_s * shares).astype(np.int64)
-            T_map_base = se3_from_se2(truth.at(at_ns))
-            T_camera_tag = np.linalg.inv(T_map_base @ setting.T_base_camera) @ T_map_tag
+            T_map_camera = base_at(at_ns) @ setting.T_base_camera
+            T_camera_tag = np.linalg.inv(T_map_camera) @ T_map_tag
             pixels[:, corner], _ = setting.model.project((T_camera_tag @ point)[:, :3])
     sides = np.linalg.norm(np.roll(pixels, -1, axis=1) - pixels, axis=2).min(axis=1)
     inside = setting.model.contains(pixels.reshape(-1, 2)).reshape(-1, 4).all(axis=1)

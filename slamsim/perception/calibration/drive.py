@@ -50,8 +50,13 @@ DISTORTION_TETHER = 1.0
 HELD = 1e-9
 BLOCK_S = 2.0
 """Errors farther apart than this are taken for independent, as the checker's calibration does."""
-FIRST_PATH_SIGMAS, LEAST_PATH_SIGMAS = (0.005, 0.005, 0.003), (1e-4, 1e-4, 1e-5)
-"""Along, across and turn: what SLAM by a lidar is off by at worst, and at best."""
+FIRST_PATH_SIGMAS = (0.005, 0.005, 0.003, 0.003, 0.003)
+LEAST_PATH_SIGMAS = (1e-4, 1e-4, 1e-5, 1e-5, 1e-5)
+"""Along, across and turn: what SLAM by a lidar is off by at worst, and at best. Roll and pitch,
+which a path in the plane does not have: robots rock between their casters, and nod as they brake.
+"""
+_STEPS = [0, 1, 5, 3, 4]
+"""Of those, among the six of ``rigid_slopes``."""
 _EM_ROUNDS = 30
 FARTHEST_OFF = 2.0
 """Widths of the image: a corner that should be seen farther off is as good as not seen."""
@@ -62,9 +67,9 @@ class Drive:
     """Values and data of the fit; a ``Problem``.
 
     tag_of: (n,) which of the m tags each sighting shows. T_map_tag: (m, 4, 4). free: names of what
-    is fitted beside the tags; the rest is held. path_sigmas: (3,) standard deviations of the path
-    where an image was taken: along, across, turn. away: (q,) sum of the steps of all values but the
-    tags'. T_survey_map: (3,). scale: see ``weigh``.
+    is fitted beside the tags; the rest is held. path_sigmas: (5,) standard deviations of the path
+    where an image was taken: along, across, turn, roll, pitch. away: (q,) sum of the steps of all
+    values but the tags'. T_survey_map: (3,). scale: see ``weigh``.
     """
 
     views: TagViews
@@ -182,7 +187,7 @@ class Drive:
         return off.reshape(-1, 8), in_base, in_camera, velocities
 
     def _linear(self) -> tuple[FloatArray, GroupedSlopes, FloatArray]:
-        """Residuals (n, 8), their slopes, and those (n, 8, 3) by a step of the base."""
+        """Residuals (n, 8), their slopes, and those (n, 8, 5) by a step of the base."""
         off_px, in_base, in_camera, velocities = self._seen()
         count = len(self.views)
         by_point = project_slopes(self.model, in_camera) @ self.T_base_camera[:3, :3].T
@@ -190,8 +195,8 @@ class Drive:
         near = np.asarray(farthest_px < FARTHEST_OFF * self.model.width)
         by_point = np.where(near[:, None, None], by_point, 0.0)
         from_camera = in_base - self.T_base_camera[:3, 3]
-        by_base = -by_point @ rigid_slopes(in_base)[:, :, [0, 1, 5]]
-        by_time = np.einsum("nij,nj->ni", by_base, velocities)
+        by_base = -by_point @ rigid_slopes(in_base)[:, :, _STEPS]
+        by_time = np.einsum("nij,nj->ni", by_base[:, :, :3], velocities)
         poses, _ = self.path.at(self.at_s.ravel())
         by_map = _turned_slopes(by_point, poses[:, 2])
         middles = np.repeat(self.T_map_tag[self.tag_of, :3, 3], 4, axis=0)
@@ -212,7 +217,7 @@ class Drive:
         slopes = GroupedSlopes(
             shared, by_tag.reshape(count, 8, 6), self.tag_of, len(self.T_map_tag)
         )
-        return off_px, slopes, by_base.reshape(count, 8, 3)
+        return off_px, slopes, by_base.reshape(count, 8, len(_STEPS))
 
     def _in_map(self) -> FloatArray:
         """(n, 4, 3) the corners of each sighting."""
@@ -227,7 +232,7 @@ class Drive:
         return lens_slopes(self.model, in_camera, wanted)
 
     def path_errors(self) -> FloatArray:
-        """(3,) standard deviations of the path, along, across and turn, beyond what corners
+        """(5,) standard deviations of the path, as ``path_sigmas``, beyond what corners
         explain: by the EM algorithm for components of variance (Dempster, Laird & Rubin 1977)."""
         off_px, _, by_base = self._linear()
         certain = np.linalg.inv(self.views.covariances_px)

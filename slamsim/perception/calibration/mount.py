@@ -70,7 +70,7 @@ class MountFit:
     estimate: covariance of small steps of these: x, y, z of the camera and turns about the axes of
     the base, then clock, then lens. T_map_tag: by number. sightings: used; doubted: of these, those
     that count for less than half. residual_px: root mean square of a coordinate of a corner.
-    path_sigmas: (3,) what the path is found to be off by: m along and across, rad. misfits: of all
+    path_sigmas: (5,) what the path is found to be off by, as ``Drive.path_sigmas``. misfits: of all
     corners, over time.
     """
 
