@@ -12,7 +12,7 @@ from slamsim.core.types import Float32Array, FloatArray
 from slamsim.perception.places import Places
 from slamsim.perception.recorded import grey_of, light_of
 from slamsim.perception.rgbd_odometry import RgbdOdometry, RgbdStep
-from slamsim.perception.tags import TagDetector
+from slamsim.perception.tags import TagDetector, TagSighting
 from slamsim.perception.twist import about_camera, exponential, logarithm
 
 PLACE_M, PLACE_RAD = 0.15, 0.15
@@ -30,14 +30,14 @@ class CameraTracker:
     """Takes images one by one. detector: of the tags that are landmarks, None for none."""
 
     def __init__(self, model: CameraModel, detector: TagDetector | None) -> None:
-        self._detector = detector
+        self._model, self._detector = model, detector
         self._odometry, self._places = RgbdOdometry(model), Places(model)
         self._stamps: list[int] = []
         self._since: list[FloatArray] = []
         self._of: list[int] = []
         self._keyframes: list[int] = []
         self._edges: list[SpatialEdge] = []
-        self._tags: list[TagSeen] = []
+        self._tags: list[tuple[int, TagSighting, FloatArray]] = []
         self._lost = 0
         self._step: RgbdStep | None = None
         self._at_place: FloatArray | None = None
@@ -50,12 +50,13 @@ class CameraTracker:
         self._stamps.append(picture.stamp_ns)
         if depth is not None:
             self._with_depth(self._odometry.step(picture.stamp_ns, grey, depth.pixels))
-        tags = self._sighted(picture, grey)
+        detector = self._detector
+        tags = detector.detect(grey, light_of(picture)) if detector is not None else ()
         if depth is None:
             self._without_depth(bool(tags))
         number = len(self._keyframes) - 1
         if self._keyframes[-1] == len(self._stamps) - 1:
-            self._tags += [TagSeen(number, *tag) for tag in tags]
+            self._tags += [(number, tag, self._odometry.swept) for tag in tags]
             if depth is not None:
                 self._look_back(number, grey, depth.pixels)
 
@@ -72,7 +73,7 @@ class CameraTracker:
             np.array(self._of, dtype=np.int64),
             np.array(self._keyframes, dtype=np.int64),
             tuple(self._edges),
-            tuple(self._tags),
+            tuple(self._seen(*each) for each in self._tags),
             self._lost,
             self._places.refused,
         )
@@ -109,22 +110,15 @@ class CameraTracker:
             covariance = about_camera(fitted.T_now_keyframe, fitted.covariance)
             self._edges.append(SpatialEdge(earlier, number, T, covariance, "closure"))
 
-    def _sighted(
-        self, picture: CameraFrame, grey: NDArray[np.uint8]
-    ) -> list[tuple[int, FloatArray, FloatArray]]:
-        """Number, (4, 4) T_camera_tag at the first row and (6, 6) covariance of each tag; an
-        ambiguous one tells where it is, and hardly which way it faces."""
-        if self._detector is None:
-            return []
+    def _seen(self, keyframe: int, sighting: TagSighting, swept: FloatArray) -> TagSeen:
+        """As the first row saw it; an ambiguous one tells where it is, and hardly which way it
+        faces. swept: (6,) how points moved in the camera while the image was read out."""
+        assert self._detector is not None
+        one = self._detector.settled(sighting)
         least = np.diag(np.repeat(np.square([TAG_SIGMA_M, TAG_SIGMA_RAD]), 3))
-        found = []
-        for one in self._detector.detect(grey, light_of(picture)):
-            late = float(one.corners_px[:, 1].mean()) / max(grey.shape[0] - 1, 1)
-            T, covariance = one.pose.in_own_frame()
-            found.append(
-                (one.number, exponential(-late * self._odometry.swept) @ T, covariance + least)
-            )
-        return found
+        late = float(one.corners_px[:, 1].mean()) / max(self._model.height - 1, 1)
+        T, covariance = one.pose.in_own_frame()
+        return TagSeen(keyframe, one.number, exponential(-late * swept) @ T, covariance + least)
 
 
 def _edge(step: RgbdStep) -> SpatialEdge:

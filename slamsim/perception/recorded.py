@@ -31,7 +31,7 @@ from slamsim.perception.calibrated import (
 )
 from slamsim.perception.planar import planar_observation, planar_tag
 from slamsim.perception.tag_families import TagKind, parse_tags
-from slamsim.perception.tags import TagDetector, linear_light
+from slamsim.perception.tags import TagDetector, TagSighting, linear_light
 from slamsim.recording import Recording
 from slamsim.recording.frames import base_frame_of, known_mounting, tree_of
 
@@ -67,11 +67,17 @@ def tags_seen(
     known = known_tags(config)
     with open_cameras(path) as cameras:
         usable = _usable(path, cameras, recording, calibrated)
-        total, found = sum(cameras.topics[topic].messages for topic in usable), []
+        total = sum(cameras.topics[topic].messages for topic in usable)
+        seen: list[tuple[str, int, TagSighting]] = []
         detectors = {topic: TagDetector(kind, each.model) for topic, each in usable.items()}
         for number, frame in enumerate(cameras.frames(tuple(usable))):
-            found += _observed(detectors[frame.topic], frame, usable[frame.topic])
+            sightings = detectors[frame.topic].detect(grey_of(frame), light_of(frame))
+            seen += [(frame.topic, frame.stamp_ns, each) for each in sightings]
             progress(number + 1, total)
+    found = [
+        _observed(detectors[topic].settled(each), stamp_ns, topic, usable[topic])
+        for topic, stamp_ns, each in seen
+    ]
     errors = {topic: each.errors for topic, each in usable.items()}
     return TagsSeen(tuple(found), known, errors, family=kind.family)
 
@@ -126,16 +132,12 @@ def light_of(frame: CameraFrame) -> Float32Array | None:
 
 
 def _observed(
-    detector: TagDetector, frame: CameraFrame, camera: UsedCamera
-) -> list[TagObservation]:
-    sightings = detector.detect(grey_of(frame), light_of(frame))
-    rows, found = max(camera.model.height - 1, 1), []
-    for each in sightings:
-        share = float(each.corners_px[:, 1].mean()) / rows
-        stamp_ns = camera.clock.at_row(frame.stamp_ns, share)
-        one = planar_observation(stamp_ns, each, camera.T_base_camera)
-        found.append(replace(one, camera=frame.topic, row=share))
-    return found
+    sighting: TagSighting, stamp_ns: int, topic: str, camera: UsedCamera
+) -> TagObservation:
+    share = float(sighting.corners_px[:, 1].mean()) / max(camera.model.height - 1, 1)
+    exposed_ns = camera.clock.at_row(stamp_ns, share)
+    one = planar_observation(exposed_ns, sighting, camera.T_base_camera)
+    return replace(one, camera=topic, row=share)
 
 
 def _usable(

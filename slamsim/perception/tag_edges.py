@@ -10,7 +10,7 @@ look at the corner alone, which blur rounds off: in images of tags 20 to 40 px w
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -30,6 +30,8 @@ REACH_PX = (1.5, 3.5)
 """How far across an edge is looked: 0.8 of a cell of the tag, within these bounds."""
 REACH_CELLS = 0.8
 LEAST_HALF_PX, HALF_WIDTHS, LEVEL_SAMPLES = 1.0, 2.0, 3
+RISEN = (0.16, 0.5, 0.84)
+"""Shares of the rise between whose places lie a standard deviation of a normal blur each."""
 """The rise lies within so many of its standard deviations to both sides; beyond, and in so many
 samples at least, brightness is that of black and of white."""
 END_SHARE, END_PX = 0.15, 1.5
@@ -70,21 +72,23 @@ class Corners:
 
     rays_xy: (4, 2) of each corner, x / z and y / z in the optical frame, beginning top left,
     clockwise as one looks at the tag. covariance: (8, 8) of these. pixels: (4, 2) in the image as
-    it is, distorted.
+    it is, distorted. asymmetry: see ``_asymmetry``, the mean of the edges; nan where none tells.
     """
 
     rays_xy: FloatArray
     covariance: FloatArray
     pixels: FloatArray
+    asymmetry: float = np.nan
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Edge:
     """points_px: (n, 2) where brightness rises across it. shift_px: standard deviation by which
-    all of them may be shifted alike."""
+    all of them may be shifted alike. asymmetry: of the rise, nan where it cannot be told."""
 
     points_px: FloatArray
     shift_px: float
+    asymmetry: float
 
 
 def refine_corners(
@@ -118,7 +122,7 @@ def _crossings(
     ahead = model.rays_at(pixels)
     if not (np.isfinite(ahead).all() and (ahead[:, 2] > LEAST_AHEAD).all()):
         return None
-    lines, covariances = [], []
+    lines, covariances, asymmetries = [], [], []
     for k in range(4):
         square, ends = np.roll(pixels, -k, axis=0), np.roll(ahead, -k, axis=0)[:2]
         ends_xy = ends[:, :2] / ends[:, 2:]
@@ -134,7 +138,10 @@ def _crossings(
         line, covariance = _fit_line(points, edge.shift_px * pixel, FLOOR_PX * pixel)
         lines.append(line)
         covariances.append(covariance)
-    return _corners(lines, covariances, model)
+        asymmetries.append(edge.asymmetry)
+    told = [each for each in asymmetries if np.isfinite(each)]
+    corners = _corners(lines, covariances, model)
+    return replace(corners, asymmetry=float(np.mean(told))) if corners and told else corners
 
 
 def _pixel(square: FloatArray, ends_xy: FloatArray, model: CameraModel) -> float:
@@ -179,7 +186,8 @@ def _edge(
     by_pieces_px = PIECE_SHIFT_PX * np.sqrt(min(1.0, PIECE_PX / length))
     blurred_px = BLURRED_SHARE * max(0.0, width_px - BLURRED_CELLS * cell_px) + SHIFT_FLOOR_PX
     shift_px = float(np.hypot(blurred_px, by_pieces_px))
-    return _Edge(base[those] + off[:, None] * outwards[those], shift_px)
+    points_px = base[those] + off[:, None] * outwards[those]
+    return _Edge(points_px, shift_px, _asymmetry(profile.mean(axis=0), across))
 
 
 def _as_bent(
@@ -218,6 +226,28 @@ def _by_steps(
 def _between(across: FloatArray) -> FloatArray:
     """(k - 1,) the middles of the steps."""
     return np.asarray(0.5 * (across[1:] + across[:-1]))
+
+
+def _asymmetry(profile: FloatArray, across: FloatArray) -> float:
+    """Of the rise (k,) of an edge: by how much its upper half is longer than its lower one, as a
+    share of both; nan for none that rises once.
+
+    A lens and a pixel blur an edge to both sides alike. Where brightness is coded otherwise than
+    light is, one half of the rise is longer than the other.
+    """
+    ends = profile[:LEVEL_SAMPLES].mean(), profile[-LEVEL_SAMPLES:].mean()
+    if ends[1] <= ends[0]:
+        return np.nan
+    risen = (profile - ends[0]) / (ends[1] - ends[0])
+    places = []
+    for level in RISEN:
+        passed = np.flatnonzero((risen[:-1] < level) & (risen[1:] >= level))
+        if passed.size != 1:
+            return np.nan
+        k = passed[0]
+        places.append(across[k] + STEP_PX * (level - risen[k]) / (risen[k + 1] - risen[k]))
+    low, middle, high = places
+    return float((high + low - 2.0 * middle) / (high - low))
 
 
 def _width_px(rise: FloatArray, across: FloatArray) -> float:

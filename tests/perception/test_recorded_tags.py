@@ -73,23 +73,19 @@ def test_no_camera_at_all_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_tag_has_the_instant_of_the_rows_that_show_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    seen = [
+    seen: list[Any] = [
         SimpleNamespace(
             corners_px=np.array([[5.0, row - 2.0], [9, row - 2], [9, row + 2], [5, row + 2]])
         )
         for row in (0.0, 23.5, 47.0)
     ]
-    monkeypatch.setattr(recorded, "grey_of", lambda _: None)
-    monkeypatch.setattr(recorded, "light_of", lambda _: None)
     monkeypatch.setattr(
         recorded,
         "planar_observation",
         lambda at_ns, *_: TagObservation(at_ns, 1, np.ones(3), np.eye(3)),
     )
-    detector: Any = SimpleNamespace(detect=lambda *_: seen)
-    frame: Any = SimpleNamespace(topic="front", stamp_ns=10**18)
     camera = recorded.UsedCamera(CAMERA, np.eye(4), CameraClock(0.012, 0.03))
-    found = recorded._observed(detector, frame, camera)
+    found = [recorded._observed(one, 10**18, "front", camera) for one in seen]
     assert [one.stamp_ns - 10**18 for one in found] == [-12_000_000, 3_000_000, 18_000_000]
     assert [(one.camera, one.row) for one in found] == [("front", share) for share in (0, 0.5, 1)]
 

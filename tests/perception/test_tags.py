@@ -18,6 +18,11 @@ KIND = TagKind("apriltag_36h11", 0.2)
 PINHOLE = pinhole(320, 240, 69.0)
 LENS = pinhole(320, 240, 69.0, "plumb_bob", np.array([-0.28, 0.09, 0.001, -0.0005, 0.0]))
 FISHEYE = pinhole(320, 240, 120.0, "equidistant", np.array([-0.01, 0.002, 0.0, 0.0]))
+LIGHT = np.linspace(0.0, 1.0, 256)
+AS_CODED = np.rint(
+    255 * np.where(LIGHT <= 0.0031308, 12.92 * LIGHT, 1.055 * LIGHT ** (1 / 2.4) - 0.055)
+).astype(np.uint8)
+"""What sRGB makes of light from 0 to 255."""
 
 
 def _one(model: CameraModel, T: np.ndarray, seed: int, **image: float) -> TagSighting | None:
@@ -138,14 +143,11 @@ def test_what_fits_both_ways_is_told() -> None:
 
 def test_edges_are_where_the_light_is_half_way() -> None:
     """Coded as sRGB, tags look smaller; in linear light they are as large as they are."""
-    light = np.linspace(0.0, 1.0, 4096)
-    coded = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
-    steps = np.rint(coded[np.linspace(0, 4095, 256).astype(int)] * 255).astype(np.uint8)
     plain, linear = [], []
     for seed in range(6):
         rng = np.random.default_rng(seed)
         T = random_tag_pose(PINHOLE, rng, (1.0, 1.0), 0.4)
-        grey = steps[draw_tags(PINHOLE, [(KIND, 5, T)], rng)]
+        grey = AS_CODED[draw_tags(PINHOLE, [(KIND, 5, T)], rng)]
         detector = TagDetector(KIND, PINHOLE)
         (as_coded,) = detector.detect(grey)
         (as_light,) = detector.detect(grey, linear_light(np.dstack([grey] * 3)))
@@ -154,6 +156,27 @@ def test_edges_are_where_the_light_is_half_way() -> None:
 
     assert np.mean(plain) > 0.002
     assert abs(np.mean(linear)) < 0.001
+
+
+@pytest.mark.parametrize("is_colour", [True, False], ids=["colour", "grey"])
+@pytest.mark.parametrize("codes", [True, False], ids=["coded", "as light"])
+def test_edges_tell_whether_pixels_are_light(codes: bool, is_colour: bool) -> None:
+    """Colours that are not coded, as simulators draw them, and grey images that are."""
+    detector, found = TagDetector(KIND, PINHOLE), []
+    for seed in range(24):
+        rng = np.random.default_rng(seed)
+        T = random_tag_pose(PINHOLE, rng, (0.8, 1.6), 0.4)
+        drawn = draw_tags(PINHOLE, [(KIND, 5, T)], rng)
+        grey = AS_CODED[drawn] if codes else drawn
+        light = linear_light(np.dstack([grey] * 3)) if is_colour else None
+        found += [(seen, T[2, 3]) for seen in detector.detect(grey, light)]
+        if len(found) < 10:  # too few to say that the usual reading is wrong
+            assert all(detector.settled(seen) is seen for seen, _ in found)
+
+    off = [detector.settled(seen).pose.T_camera_tag[2, 3] / far_m - 1.0 for seen, far_m in found]
+    assert len(off) > 20 and abs(np.median(off)) < 0.0015
+    usual = codes == is_colour
+    assert all((detector.settled(seen) is seen) == usual for seen, _ in found)
 
 
 def test_exact_corners_give_the_exact_pose() -> None:

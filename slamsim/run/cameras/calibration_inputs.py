@@ -111,9 +111,12 @@ def tags_of(
             cameras.path, f"none of {total} images shows a tag of {kind.family}, 10 px wide"
         )
     return {
-        topic: (gather(stamps_ns[topic], seen[topic], model), model)
-        for topic, model in models.items()
-        if seen[topic]
+        topic: (
+            gather(stamps_ns[topic], [*map(detectors[topic].settled, each)], models[topic]),
+            models[topic],
+        )
+        for topic, each in seen.items()
+        if each
     }
 
 
