@@ -99,7 +99,8 @@ def test_an_installation_compiles_ahead(name: str) -> None:
 
 @pytest.mark.slow
 def test_what_is_compiled_ahead_is_what_the_first_recording_needs(tmp_path: Path) -> None:
-    """With another lidar, read from a file, and checked: two kernels are left to ``check``."""
+    """With another lidar, read from a file, and checked: of some 130 kernels few are left, for
+    what this drive meets and the drive of the installation did not."""
     cache = tmp_path / "cache"
 
     def compiled_by(*words: str) -> int:
@@ -114,7 +115,7 @@ def test_what_is_compiled_ahead_is_what_the_first_recording_needs(tmp_path: Path
     assert compiled_by(*COMPILES_AHEAD.split()) > 100
     other = "--set", "sensors.lidar=rplidar_a2", "--set", "drive.route.max_duration_s=20"
     compiled_by("slamsim", "simulate", "tiny", "--drive-seed", "1", "--out", "drive", *other)
-    assert compiled_by("slamsim", "map", "drive", "--out", "mapped") == 0
+    assert compiled_by("slamsim", "map", "drive", "--out", "mapped") <= 3
     assert compiled_by("slamsim", "check", "drive") <= 3
 
 
