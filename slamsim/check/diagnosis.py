@@ -36,6 +36,16 @@ BY_OTHERS = (
 
 BESIDE_CAMERAS = ("clock.", "gyro.", "laser.", "odometry.", "ranges.", "tf.", "time.", "wheels.")
 
+BY_DEPTHS = ("camera.yaw", "camera.x", "camera.y", "camera.depth_scale", "camera.focal")
+"""Of these, those that compare depths with the scan nearest in time, as does the time offset of a
+topic of depths."""
+
+UNFELT = ("wheel_radius", "wheel_track", "wheel_slip", "time_offset_imu")
+MOST_UNFELT_MS = 100.0
+"""Wheels that are somewhat wrong, or stamped by so much late, do not move what depths tell: they
+carry an image to a scan a tenth of a second away at most, as often forward as back. The inertial
+unit takes no part in it."""
+
 
 def explained(findings: Sequence[Finding]) -> tuple[Finding, ...]:
     """The same findings, those that another fault explains now inconclusive."""
@@ -79,13 +89,25 @@ def _without_drift_of_none(findings: Sequence[Finding]) -> list[Finding]:
 def _without_cameras_beside(findings: Sequence[Finding]) -> list[Finding]:
     """What cameras are measured with, scans, odometry and gyroscope, must itself be right."""
     others = [one for one in findings if one.fault and one.check.startswith(BESIDE_CAMERAS)]
-    if not others:
-        return list(findings)
-    reason = f"cannot be told while {fault_meaning(others[0].fault or '')} ({others[0].subject})"
-    return [
-        one.inconclusive(reason) if one.fault and one.check in BY_OTHERS else one
-        for one in findings
-    ]
+    felt = [one for one in others if not _is_unfelt(one)]
+    depths = {one.subject for one in findings if one.check == "camera.depth_scale"}
+
+    def beside(one: Finding) -> Finding:
+        by_depths = one.check in BY_DEPTHS or one.subject in depths
+        wrong = felt if by_depths else others
+        if not (one.fault and one.check in BY_OTHERS and wrong):
+            return one
+        cause = f"{fault_meaning(wrong[0].fault or '')} ({wrong[0].subject})"
+        return one.inconclusive(f"cannot be told while {cause}")
+
+    return [beside(one) for one in findings]
+
+
+def _is_unfelt(fault: Finding) -> bool:
+    """Whether it takes no part in what depths tell beside scans."""
+    if fault.fault == "time_offset_wheels" and fault.estimate is not None:
+        return abs(fault.estimate.value) <= MOST_UNFELT_MS
+    return fault.fault in UNFELT or fault.check.startswith("gyro.")
 
 
 def _without_known_cause(findings: Sequence[Finding]) -> list[Finding]:

@@ -42,6 +42,27 @@ def test_rounded_stamps_explain_no_larger_offset_than_the_rounding() -> None:
         assert names(rounded, wheels) == {"stamps_quantised", *told}
 
 
+def test_what_depths_tell_beside_scans_stands_beside_wheels_that_are_somewhat_wrong() -> None:
+    late = replace(
+        bad("time.offset.wheels", "/odom", "time_offset_wheels"),
+        estimate=Measurement(44.0, 0.4, "ms"),
+    )
+    mount = bad("camera.yaw", "camera_optical", "camera_mount")
+    by_depths = bad("camera.time_offset", "/depth", "camera_time_offset")
+    by_turns = replace(by_depths, subject="/color")
+    scale = Finding("camera.depth_scale", "/depth", "ok", "words")
+    told = {
+        one.subject for one in explained([late, mount, by_depths, by_turns, scale]) if one.fault
+    }
+    assert told == {"/odom", "camera_optical", "/depth"}
+
+    much = replace(late, estimate=Measurement(400.0, 0.4, "ms"))
+    wrong_scans = bad("laser.yaw", "laser", "laser_yaw")
+    for cause in (much, wrong_scans):
+        found = explained([cause, mount, by_depths, scale])
+        assert [one.subject for one in found if one.fault] == [cause.subject]
+
+
 def test_what_faults_explain_are_faults_and_none_explains_itself_in_a_circle() -> None:
     faults = registry().faults
     explained_by = {
