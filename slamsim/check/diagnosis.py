@@ -40,6 +40,9 @@ BY_DEPTHS = ("camera.yaw", "camera.x", "camera.y", "camera.depth_scale", "camera
 """Of these, those that compare depths with the scan nearest in time, as does the time offset of a
 topic of depths."""
 
+BY_FLOOR = ("camera.pitch", "camera.roll", "camera.z")
+"""Those that only need to know which way is up in the claimed frame."""
+
 UNFELT = ("wheel_radius", "wheel_track", "wheel_slip", "time_offset_imu")
 MOST_UNFELT_MS = 100.0
 """Wheels that are somewhat wrong, or stamped by so much late, do not move what depths tell: they
@@ -95,7 +98,9 @@ def _without_cameras_beside(findings: Sequence[Finding]) -> list[Finding]:
     def beside(one: Finding) -> Finding:
         by_depths = one.check in BY_DEPTHS or one.subject in depths
         wrong = felt if by_depths else others
-        if not (one.fault and one.check in BY_OTHERS and wrong):
+        if one.check in BY_FLOOR:
+            wrong = [other for other in others if other.check.startswith("tf.")]
+        if not (one.fault and one.check in (*BY_OTHERS, *BY_FLOOR) and wrong):
             return one
         cause = f"{fault_meaning(wrong[0].fault or '')} ({wrong[0].subject})"
         return one.inconclusive(f"cannot be told while {cause}")

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, zoom
 
@@ -15,16 +17,18 @@ from slamsim.cameras.frames import CameraClaim
 from slamsim.cameras.lens import pinhole
 from slamsim.cameras.survey import CameraSurvey
 from slamsim.check.evidence import RecordingEvidence
+from slamsim.check.motion.depth_floor import fit_floor
 from slamsim.check.motion.depth_slices import NAMES, SliceFit, fit_slices
 from slamsim.check.motion.image_leans import fit_readout, seen_leans
 from slamsim.check.motion.image_turns import TurnFit, fit_turns, seen_turns
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.questions.cameras.colours import likeness
 from slamsim.check.questions.cameras.depth import check_unit
-from slamsim.check.questions.cameras.place import before_the_axle_m
+from slamsim.check.questions.cameras.place import before_the_axle_m, check_place
 from slamsim.check.questions.cameras.shutter import check_shutter
 from slamsim.check.questions.cameras.stereo import check_stereo
-from slamsim.core.geometry import matrix_from_rpy, se3_from_parts, xyzw_from_yaw
+from slamsim.check.questions.cameras.tilt import check_tilt
+from slamsim.core.geometry import matrix_from_rpy, se3_from_parts, xyzw_from_matrix, xyzw_from_yaw
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import (
     RawImu,
@@ -135,6 +139,89 @@ def seen_from(x_m: float, y_m: float, yaw_rad: float, scale: float, delay_s: flo
     )
     grids_m = np.array(grids, dtype=np.float32)
     return survey("depth", stamps_ns, model, grids_m=grids_m), T
+
+
+TILTS = st.floats(-0.3, 0.3)
+
+
+@settings(max_examples=12, deadline=None)
+@given(TILTS, TILTS, st.integers(0, 2**32 - 1))
+def test_the_floor_tells_which_way_is_up(pitch_rad: float, roll_rad: float, seed: int) -> None:
+    """Beside walls, with noise, and with a table that is nearer in a third of the images."""
+    depth, T = seen_from(0.1, 0.05, 0.3, 1.0, 0.0)
+    rng = np.random.default_rng(seed)
+    grids_m = depth.grids_m * (1.0 + 0.003 * depth.grids_m * rng.normal(size=depth.grids_m.shape))
+    grids_m[::3, int(0.8 * HEIGHT) :] *= 0.6
+    R_claimed = T[:3, :3] @ matrix_from_rpy(pitch_rad, 0.0, roll_rad).T
+    found = fit_floor(replace(depth, grids_m=grids_m.astype(np.float32)), R_claimed)
+    assert found is not None
+    assert found.up @ T[2, :3] > np.cos(np.radians(0.3))
+    assert found.height_m == pytest.approx(CAMERA_HEIGHT_M, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("pitch_deg", "roll_deg", "question"), [(6.0, 0.0, "pitch"), (0.0, -4.0, "roll")]
+)
+def test_a_tilted_camera_is_told_and_set_right(
+    pitch_deg: float, roll_deg: float, question: str
+) -> None:
+    depth, T = seen_from(0.1, 0.05, 0.3, 1.0, 0.0)
+    T_claimed = T.copy()
+    T_claimed[:3, :3] = T[:3, :3] @ matrix_from_rpy(*np.radians([pitch_deg, 0.0, roll_deg])).T
+    wrong = with_mount(depth, T_claimed)
+    told = {one.check: one for one in check_tilt(RecordingEvidence(wrong)) if one.fault}
+    (found,) = told.values()
+    assert found.check == f"camera.{question}" and found.fault == "camera_mount"
+    assert found.estimate is not None
+    assert found.estimate.value == pytest.approx(pitch_deg + roll_deg, abs=0.3)
+    places = [one for one in check_place(RecordingEvidence(wrong)) if one.fault]
+    assert not places  # a tilt is no other place
+
+    right = apply_repairs(wrong, found.repairs)
+    assert not [one for one in check_tilt(RecordingEvidence(right)) if one.fault]
+    T_right = RecordingEvidence(right).frames.between("base_link", "camera")
+    assert T_right is not None
+    np.testing.assert_allclose(T_right[2, :3], T[2, :3], atol=0.006)
+
+
+def test_a_camera_at_another_height_is_told_and_set_right() -> None:
+    depth, T = seen_from(0.1, 0.05, 0.3, 1.0, 0.0)
+    T_claimed = T.copy()
+    T_claimed[2, 3] += 0.1
+    wrong = with_mount(depth, T_claimed, "base_footprint")
+    (found,) = (one for one in check_tilt(RecordingEvidence(wrong)) if one.fault)
+    assert found.check == "camera.z" and found.estimate is not None
+    assert found.estimate.value == pytest.approx(-100.0, abs=6.0)
+    right = apply_repairs(wrong, found.repairs)
+    assert not [one for one in check_tilt(RecordingEvidence(right)) if one.fault]
+    of_base_link = check_tilt(RecordingEvidence(with_mount(depth, T_claimed)))
+    assert [one.verdict for one in of_base_link if one.check == "camera.z"] == ["inconclusive"]
+
+
+def test_without_a_floor_nothing_is_told_of_tilts() -> None:
+    depth, T = seen_from(0.1, 0.05, 0.3, 1.0, 0.0)
+    walls = depth.grids_m.copy()
+    walls[:, HEIGHT // 2 :] = np.nan
+    found = list(check_tilt(RecordingEvidence(with_mount(replace(depth, grids_m=walls), T))))
+    assert [one.verdict for one in found] == ["inconclusive"] * 3
+    assert all("show a floor" in one.words for one in found)
+
+
+def with_mount(depth: CameraSurvey, T: FloatArray, base: str = "base_link") -> Recording:
+    """The recording with a camera and a lidar at these places of the base."""
+    lidar = np.eye(4)
+    lidar[2, 3] = LIDAR_HEIGHT_M
+    edges = [
+        TransformEdge(
+            *("/tf_static", base, frame, True, np.zeros(1, np.int64), None),
+            *(place[None, :3, 3], xyzw_from_matrix(place[:3, :3])[None]),
+        )
+        for frame, place in (("camera", T), ("laser", lidar))
+    ]
+    whole = recording()
+    odometry = [replace(one, child_frame_ids=(base,)) for one in whole.odometries]
+    whole = whole.with_streams(RawOdometry, odometry)
+    return replace(whole, transforms=tuple(edges), cameras=(depth,))
 
 
 def fitted(depth: CameraSurvey, T_claimed: FloatArray) -> SliceFit:

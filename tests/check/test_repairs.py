@@ -300,7 +300,8 @@ def test_frames_and_mountings() -> None:
     assert T_base_laser is not None
     np.testing.assert_allclose(T_base_laser[:2, 3], [0.3, -0.1])
     assert np.arctan2(T_base_laser[1, 0], T_base_laser[0, 0]) == pytest.approx(0.5)
-    rolled = _repaired(found, "roll_frame", "laser", roll_rad=float(np.pi))
+    over = {"roll_rad": float(np.pi), "pitch_rad": 0.0, "yaw_rad": 0.0}
+    rolled = _repaired(found, "turn_frame", "laser", **over)
     T_base_laser = FrameGraph(rolled.transforms).between("base_link", "laser")
     assert T_base_laser is not None and T_base_laser[2, 2] == pytest.approx(-1.0)
     without = _repaired(MADE, "drop_transform", "odom -> base_link")

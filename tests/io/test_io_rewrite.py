@@ -407,7 +407,7 @@ REPAIRS = (
     Repair("drop_transform", "base_link -> arm"),
     Repair("freeze_static_transform", "base_link -> laser"),
     Repair("rename_frame", "/scan", {"frame": "lidar_link"}),
-    Repair("roll_frame", "laser", {"roll_rad": 3.14}),
+    Repair("turn_frame", "laser", {"roll_rad": 3.14, "pitch_rad": 0.0, "yaw_rad": 0.1}),
     Repair("set_mounting", "laser", {"x_m": 0.3, "y_m": 0.1, "yaw_rad": 1.0}),
     Repair("set_mounting", "arm", {"x_m": 0.3, "y_m": 0.1, "yaw_rad": 1.0}),
 )

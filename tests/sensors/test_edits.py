@@ -284,7 +284,11 @@ PAIRS: Pairs = [
             )
         ],
     ),
-    ("laser_upside_down", None, [Repair("roll_frame", "laser_link", {"roll_rad": np.pi})]),
+    (
+        "laser_upside_down",
+        None,
+        [Repair("turn_frame", "laser_link", {"roll_rad": np.pi, "pitch_rad": 0.0, "yaw_rad": 0.0})],
+    ),
     ("gyro_scale", 1.1, [Repair("scale_gyro", "/imu", {"factor": 1.0 / 1.1})]),
     ("gyro_sign", None, [Repair("scale_gyro", "/imu", {"factor": -1.0})]),
     ("gyro_bias", 0.2, [Repair("subtract_gyro_bias", "/imu", {"bias_rad_s": 0.2})]),
@@ -331,6 +335,18 @@ PAIRS: Pairs = [
         [
             Repair("reorder_quaternions", "/odom"),
             Repair("reorder_quaternions", "/tf odom -> base_footprint"),
+        ],
+    ),
+    ("camera_higher", 0.1, [Repair("set_height", "camera_link", {"z_m": 0.335})]),
+    (
+        "camera_tilted",
+        3.0,
+        [
+            Repair(
+                "turn_frame",
+                "camera_link",
+                {"roll_rad": np.radians(3.0), "pitch_rad": 0.0, "yaw_rad": 0.0},
+            )
         ],
     ),
     (

@@ -269,6 +269,7 @@ def test_every_message_of_a_numbered_recording_keeps_its_number(name: str) -> No
         ("camera_info_focal", {"cameras.claim.K"}),
         ("camera_readout", {"cameras.claim.readout_s"}),
         ("camera_turned", {"transforms.quats_xyzw", "transforms.positions_m"}),
+        ("camera_tilted", {"transforms.quats_xyzw"}),
         ("depth_scale", {"cameras.depths_m", "cameras.grids_m", "cameras.changes.factor"}),
         ("tf_unknown_frame", {"scans.frame_ids"}),
     ],

@@ -37,6 +37,7 @@ FAULTS: Sequence[tuple[str, float | None]] = (
     *(("camera_flicker", 0.15), ("camera_flicker", 0.3), ("stereo_swapped", None)),
     *(("camera_turned", 2.0), ("camera_turned", -3.0), ("camera_turned", 8.0)),
     *(("camera_moved", 0.06), ("camera_moved", -0.1)),
+    *(("camera_tilted", 3.0), ("camera_tilted", -5.0), ("camera_tilted", 10.0)),
     *(("camera_readout", 0.02), ("camera_readout", 0.03), ("camera_readout", -0.02)),
     *(("camera_damaged", 0.01), ("camera_damaged", 0.2), ("camera_moved", 0.2)),
 )

@@ -138,7 +138,7 @@ def _crossings(
     """Of images that are new, evenly chosen, as far as they see surfaces at the lidar's height."""
     new = np.flatnonzero(depth.is_new)
     chosen = new[:: max(-(-new.size // _MOST_IMAGES), 1)]
-    rays, grids_m = _grid_rays(depth, model), depth.grids_m
+    rays, grids_m = grid_rays(depth, model), depth.grids_m
     # To a camera on its side heights change along its rows: across them only noise of depths would
     # cross the lidar's height, at depths that are chosen by that.
     if abs(T_base_camera[2, 0]) > abs(T_base_camera[2, 1]):
@@ -161,7 +161,7 @@ def _slices(crossings: list[_Crossing], placed: _PlacedScans, late_ns: int) -> I
             yield _Slice(points_m, beside_m, origin_m, depths_m, *surfaces, motion)
 
 
-def _grid_rays(depth: CameraSurvey, model: CameraModel) -> FloatArray:
+def grid_rays(depth: CameraSurvey, model: CameraModel) -> FloatArray:
     """(h, w, 3) of depth 1 in the optical frame."""
     height, width = depth.grids_m.shape[1:]
     first, step = depth.grid_px // 2, depth.grid_px

@@ -27,7 +27,7 @@ PER_BEAM = ("drop_beams", "value_to_inf")
 """Operations that may come several times on one subject, with other numbers."""
 ABSOLUTE = (
     *("set_mounting", "set_range_limits", "set_sweep", "rename_frame", "undo_clock_step"),
-    "set_readout",
+    *("set_readout", "set_height"),
 )
 """Operations that declare a number anew, whatever it was, or do something elsewhere each time."""
 VARIANTS: Mapping[str, tuple[str, tuple[str, ...]]] = {

@@ -62,9 +62,9 @@ def invert_transform(recording: Recording, repair: Repair) -> Edit:
     return InvertTransform(repair.subject, repair.parameters.get("poses") != "keep")
 
 
-def roll_frame(recording: Recording, repair: Repair) -> Edit:
-    """Turn a frame about its own x axis by roll_rad."""
-    turn = matrix_from_rpy(repair.number("roll_rad"), 0.0, 0.0)
+def turn_frame(recording: Recording, repair: Repair) -> Edit:
+    """Turn a frame about its own axes: z by yaw_rad, then y by pitch_rad, then x by roll_rad."""
+    turn = matrix_from_rpy(*map(repair.number, ("roll_rad", "pitch_rad", "yaw_rad")))
     if any(edge.child == repair.subject for edge in recording.transforms):
         return TurnFrame(repair.subject, turn)
     return AddTransform(_mount(recording, repair, se3_from_parts(turn, np.zeros(3))))
@@ -79,6 +79,14 @@ def set_mounting(recording: Recording, repair: Repair) -> Edit:
     turn = matrix_from_rpy(0.0, 0.0, repair.number("yaw_rad") - float(now_yaw))
     T_base_frame[:3, :3] = turn @ T_base_frame[:3, :3]
     T_base_frame[:2, 3] = repair.number("x_m"), repair.number("y_m")
+    return SetMount(_mount(recording, repair, T_base_frame))
+
+
+def set_height(recording: Recording, repair: Repair) -> Edit:
+    """Put a frame z_m above the origin of the frame parent; all else stays."""
+    declared = FrameGraph(recording.transforms).between(_base(recording, repair), repair.subject)
+    T_base_frame = np.eye(4) if declared is None else declared.copy()
+    T_base_frame[2, 3] = repair.number("z_m")
     return SetMount(_mount(recording, repair, T_base_frame))
 
 

@@ -25,9 +25,10 @@ from slamsim.recording.edits.cameras import (
     shifted,
     telling,
 )
+from slamsim.recording.edits.frames import TurnFrame
 from slamsim.recording.frame_graph import FrameGraph
 from slamsim.recording.repairs.base import Repair
-from slamsim.recording.repairs.frames import set_mounting
+from slamsim.recording.repairs.frames import set_height, set_mounting
 from slamsim.sensors.faults.base import Fault, some_of, spells
 
 Images = Literal["all", "images", "depth"]
@@ -256,16 +257,34 @@ class CameraTurned(CameraFault):
         return _mounted(recording, np.zeros(2), -np.radians(self.angle_deg))
 
 
+class CameraTilted(CameraFault):
+    """Cameras are tilted, their frames are not."""
+
+    kind: Literal["camera_tilted"]
+    angle_deg: float = Field(ge=-45.0, le=45.0)
+    """How far they look further up than their frames say, or lean to the right."""
+    axis: Literal["pitch", "roll"] = "pitch"
+
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        turn = np.zeros(3)
+        turn[0 if self.axis == "pitch" else 2] = -np.radians(self.angle_deg)
+        frames, _ = _placed(recording)
+        edits = [TurnFrame(frame, matrix_from_rpy(*turn)) for frame in frames]
+        return Edits(tuple(edits))
+
+
 class CameraMoved(CameraFault):
     """Cameras sit elsewhere than their frames say."""
 
     kind: Literal["camera_moved"]
     by_m: float = Field(ge=-10.0, le=10.0)
     """How much further along the axis."""
-    axis: Literal["x", "y"] = "x"
+    axis: Literal["x", "y", "z"] = "x"
     """Of the base."""
 
     def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        if self.axis == "z":
+            return _lowered(recording, self.by_m)
         by_m = -self.by_m * np.eye(2)["xy".index(self.axis)]
         return _mounted(recording, by_m, 0.0)
 
@@ -288,19 +307,41 @@ def _before(is_again: BoolArray) -> IntArray:
 def _mounted(recording: Recording, by_m: FloatArray, turn_rad: float) -> Edit:
     """Each camera's frame declared elsewhere: by (2,) m along the base's axes and a turn about its
     own place."""
-    graph = FrameGraph(recording.transforms)
-    base = graph.base(recording.base_frames)
+    frames, base = _placed(recording)
     edits = []
-    for frame in sorted({camera.frame_id for camera in recording.cameras}):
-        T_base_camera = graph.between(base, frame)
-        if T_base_camera is None or frame not in graph or frame == base:
-            continue
+    for frame, T_base_camera in frames.items():
         turned = se3_from_parts(matrix_from_rpy(0.0, 0.0, turn_rad), np.zeros(3)) @ T_base_camera
         x_m, y_m = (T_base_camera[:2, 3] + by_m).tolist()
         yaw_rad = float(np.arctan2(turned[1, 0], turned[0, 0]))
         place: dict[str, float | str] = {"parent": base, "x_m": x_m, "y_m": y_m}
         repair = Repair("set_mounting", frame, {**place, "yaw_rad": yaw_rad})
         edits.append(set_mounting(recording, repair))
-    if not edits:
-        raise CannotEdit(f"{recording.name} has no fixed transform to a camera")
     return Edits(tuple(edits))
+
+
+def _lowered(recording: Recording, by_m: float) -> Edit:
+    """Each camera's frame declared so much lower."""
+    frames, base = _placed(recording)
+    heights_m = {
+        frame: float(T_base_camera[2, 3]) - by_m for frame, T_base_camera in frames.items()
+    }
+    repairs = (
+        Repair("set_height", frame, {"parent": base, "z_m": z_m})
+        for frame, z_m in heights_m.items()
+    )
+    return Edits(tuple(set_height(recording, each) for each in repairs))
+
+
+def _placed(recording: Recording) -> tuple[dict[str, FloatArray], str]:
+    """The frames of cameras that have a place, each with T_base_camera (4, 4), and the base. Raises
+    CannotEdit where there are none."""
+    graph = FrameGraph(recording.transforms)
+    base = graph.base(recording.base_frames)
+    found = {}
+    for frame in sorted({camera.frame_id for camera in recording.cameras}):
+        T_base_camera = graph.between(base, frame)
+        if T_base_camera is not None and frame in graph and frame != base:
+            found[frame] = T_base_camera
+    if not found:
+        raise CannotEdit(f"{recording.name} has no fixed transform to a camera")
+    return found, base

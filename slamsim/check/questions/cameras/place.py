@@ -19,9 +19,9 @@ from slamsim.check.motion.image_leans import seen_leans
 from slamsim.check.motion.image_turns import FEWEST_PAIRS, TurnFit, fit_turns, seen_turns
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
 from slamsim.check.questions.cameras.intrinsics import CAMERA_INTRINSICS
+from slamsim.check.questions.cameras.tilt import CAMERA_MOUNT, as_tilted, seen_beside
 from slamsim.core.types import FloatArray
 from slamsim.guard.numbers import BadNumbers
-from slamsim.recording import Recording
 from slamsim.recording.choice import lidars
 from slamsim.recording.repairs.base import Repair
 
@@ -33,7 +33,6 @@ _REGISTERED = {"x_m": 0.01, "y_m": 0.01, "scale": 0.01, "focal": 5e-3}
 """The same of depths that were put into the pixels of another camera: of several that meet in one
 the nearest is kept."""
 
-CAMERA_MOUNT = FaultKind("camera_mount", "a camera is mounted otherwise than declared")
 CAMERA_TIME_OFFSET = FaultKind("camera_time_offset", "stamps of a camera are late or early")
 WANTED = "walls at the height of the lidar before a depth camera, straight driving and turns"
 YAW = Question(
@@ -214,9 +213,8 @@ def slice_fit(evidence: RecordingEvidence, depth: CameraSurvey) -> tuple[SliceFi
         return None, f"no lidar sees the same walls; what would tell: {WANTED}"
     if depth.claim is None:
         return None, "no CameraInfo says which camera it is"
-    frames = evidence.frames
-    T_base_camera = frames.between(evidence.base, depth.frame_id)
-    T_base_laser = frames.between(evidence.base, lidar.frame_ids[0])
+    T_base_camera = as_tilted(evidence, depth)
+    T_base_laser = evidence.frames.between(evidence.base, lidar.frame_ids[0])
     if T_base_camera is None or T_base_laser is None:
         return None, f"no fixed transforms join {depth.frame_id} and the lidar to {evidence.base}"
     try:
@@ -231,7 +229,7 @@ def _mount(evidence: RecordingEvidence, depth: CameraSurvey, fit: SliceFit) -> I
     T_base_camera = evidence.frames.between(evidence.base, depth.frame_id)
     assert T_base_camera is not None
     repair = Repair("set_mounting", depth.frame_id, _mounted(evidence.base, T_base_camera, fit))
-    registered = _seen_beside(evidence.recording, depth)
+    registered = seen_beside(evidence.recording, depth)
     yaw = _measured(fit, "yaw_rad", np.degrees(1.0), "deg")
     words = f"it looks {yaw.value:+.2f} deg to the left of where its frame says"
     advice = "Correct the fixed transform to its frame, or the mount."
@@ -251,7 +249,7 @@ def _mounted(base: str, T_base_camera: FloatArray, fit: SliceFit) -> dict[str, f
 
 
 def _sizes(evidence: RecordingEvidence, depth: CameraSurvey, fit: SliceFit) -> Iterator[Finding]:
-    registered = _seen_beside(evidence.recording, depth)
+    registered = seen_beside(evidence.recording, depth)
     scale = _measured(fit, "scale", -100.0, "%", registered)
     yield judge(
         SCALE,
@@ -279,13 +277,6 @@ def _sizes(evidence: RecordingEvidence, depth: CameraSurvey, fit: SliceFit) -> I
         advice="Stamp images when they are exposed, by the clock of the other sensors.",
         repairs=[Repair("shift_stamps", depth.topic, {"offset_s": -1e-3 * delay.value})],
     )
-
-
-def _seen_beside(recording: Recording, depth: CameraSurvey) -> bool:
-    """Whether depths lie in the pixels of an image."""
-    mine = depth.frame_id, depth.size
-    images = (one for one in recording.cameras if one.kind != "depth")
-    return any((one.frame_id, one.size) == mine for one in images)
 
 
 def _measured(

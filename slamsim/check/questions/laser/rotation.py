@@ -73,7 +73,7 @@ ROTATION = Question(
     unit="rad/rad",
     consequence="the map is torn wherever the robot turns",
     excitation_wanted=TURNING,
-    repairs=("turn_with_robot", "negate_angles", "roll_frame", "scale_angles"),
+    repairs=("turn_with_robot", "negate_angles", "turn_frame", "scale_angles"),
 )
 
 
@@ -216,7 +216,8 @@ def _mirrored(inputs: Inputs, gain: Gain, said: str) -> Finding:
     if inputs.upside_down:
         words = f"the scans turn against the robot ({said}): the frame hangs upside down, they not"
         advice = "Remove the roll of 180 degrees from the laser's frame."
-        repair = Repair("roll_frame", inputs.laser_frame, {"roll_rad": float(np.pi)})
+        over = {"roll_rad": float(np.pi), "pitch_rad": 0.0, "yaw_rad": 0.0}
+        repair = Repair("turn_frame", inputs.laser_frame, {**over})
         return _finding(inputs, gain, words, "fault", UPSIDE_DOWN, advice, repair)
     words = f"the scans turn against the robot ({said}): they are mirrored, or hang upside down"
     advice = (
