@@ -17,7 +17,8 @@ SCALE = Question(
     limit=100.0 * LIMITS["ranges"],
     unit="%",
     consequence="the map is larger or smaller than the world by this share",
-    excitation_wanted="ten metres of straight driving, and a few full turns",
+    excitation_wanted="ten metres of straight driving and a few full turns, or, where wheels are "
+    "the doubt, a length in the map measured by hand",
     repairs=("scale_ranges",),
 )
 
