@@ -57,6 +57,7 @@ class TagDetector:
         self._kind, self._model = kind, model
         self._cells = int(dictionary.markerSize) + 2
         self._asymmetries: list[tuple[float, float]] = []
+        self._decided = (0, False)
 
     def detect(
         self, grey: NDArray[np.uint8], light: Float32Array | None = None
@@ -94,8 +95,10 @@ class TagDetector:
     def settled(self, sighting: TagSighting) -> TagSighting:
         """By the reading of the camera's images that is right, as far as those that were seen until
         now tell: by the other one where its edges rise more evenly, and that surely."""
+        if self._decided[0] != len(self._asymmetries):
+            self._decided = len(self._asymmetries), self._reads_wrong()
         other = sighting.otherwise
-        return other if other is not None and self._reads_wrong() else sighting
+        return other if other is not None and self._decided[1] else sighting
 
     def _reads_wrong(self) -> bool:
         pairs = np.array(self._asymmetries).reshape(-1, 2)
