@@ -203,6 +203,10 @@ def mounting_beside(
     return T_base_laser
 
 
+AT_BASE = "the laser is taken to sit at the base"
+"""How a warning ends that the mount of the laser, which the map depends on, is not known."""
+
+
 def laser_mounting_of(
     tree: FrameTree, base_frame: str, laser_frame: str, warnings: list[str]
 ) -> FloatArray:
@@ -210,7 +214,7 @@ def laser_mounting_of(
     known = known_mounting(tree, base_frame, laser_frame)
     missing = f"no fixed transform from {base_frame!r} to {laser_frame!r}"
     if known is None:
-        warnings.append(f"{missing} in /tf_static or /tf: the laser is taken to sit at the base")
+        warnings.append(f"{missing} in /tf_static or /tf: {AT_BASE}")
         return np.eye(4)
     T_base_laser, frame = known
     if frame != base_frame:

@@ -210,7 +210,7 @@ def _verdict(view: RunView, unjoined: str) -> str:
     if unjoined:
         return f"{unjoined[:1].upper()}{unjoined[1:]}."
     ate_m = view.scores.numbers()["ate_rmse_m"]
-    return verdict(view.result, path_length_m(view.result.trajectory), ate_m)
+    return verdict(view.result, path_length_m(view.result.trajectory), ate_m, view.warnings)
 
 
 def _slam(

@@ -22,6 +22,7 @@ from slamsim.evaluate.consistency import nees, nees_in_map
 from slamsim.evaluate.score import Scores, evaluate
 from slamsim.guard.quantities import as_count, as_lengths, as_number
 from slamsim.io.text.relations import Relations
+from slamsim.recording.frames import AT_BASE
 from slamsim.run.stages import Stages
 from slamsim.slam.mapping.joints import closures_agree, is_elsewhere
 from slamsim.world.model import World
@@ -159,8 +160,11 @@ def positions_95_m(graph: PoseGraph, told: BoolArray) -> FloatArray:
     return np.asarray(_SIGMAS * np.sqrt(np.maximum(variances, 0.0)))
 
 
-def verdict(result: SlamResult, path_m: float, ate_m: float | None) -> str:
+def verdict(
+    result: SlamResult, path_m: float, ate_m: float | None, warnings: Sequence[str] = ()
+) -> str:
     """How good, how sure, what to look at. path_m: driven. ate_m: RMSE, None without a truth.
+    warnings: about the recording.
 
     How sure is told of what needs no look, and on a condition: a covariance knows nothing of a
     place that is torn, or of what lies beyond it.
@@ -184,7 +188,7 @@ def verdict(result: SlamResult, path_m: float, ate_m: float | None) -> str:
         return f"A map with doubts: {'; '.join(parts)}."
     if sure_m:
         parts.append(f"every position is sure within {told[-2]} (95 %)")
-    return f"A whole map: {'; '.join([*parts, _checked(result)])}."
+    return f"A whole map: {'; '.join([*parts, _checked(result, warnings)])}."
 
 
 def _is_doubtful(event: Event, graph: PoseGraph) -> bool:
@@ -229,11 +233,13 @@ def _how_well_it_fits(result: SlamResult) -> str:
     )
 
 
-def _checked(result: SlamResult) -> str:
+def _checked(result: SlamResult, warnings: Sequence[str]) -> str:
     count = result.closures_accepted
     if not count:
         return "no place was seen twice, so no loop checks it"
     agree = f"{as_count(count, 'loop closure')} agree{'s' * (count == 1)}"
     if any(event.kind == "open loop" for event in result.events):
         return f"{agree}, but none checks a part of the path (see the warning)"
+    if any(words.endswith(AT_BASE) for words in warnings):
+        return f"{agree}, but where the laser sits is not known (see the warning)"
     return f"{agree} and nothing needs a look"

@@ -24,6 +24,7 @@ from slamsim.core.geometry import between
 from slamsim.core.result import Event, GraphEdge
 from slamsim.core.weighing import BY_WEIGHT, all_weighed, by_weight, weighed
 from slamsim.io.text.tum import read_tum
+from slamsim.recording.frames import laser_mounting_of, tree_of
 from slamsim.run.scoring import positions_95_m, verdict
 from slamsim.run.stages import Report
 from slamsim.slam.frontend.odometry import ELSEWHERE
@@ -134,6 +135,15 @@ def test_a_path_that_no_loop_checks_is_not_called_checked() -> None:
     open_ = replace(result, events=(Event(0, 1, "open loop", "no loop checks 159 m"),))
     told = verdict(open_, 10.0, 0.01)
     assert "nothing needs a look" not in told and "none checks a part of the path" in told
+
+
+def test_a_map_by_a_laser_that_sits_no_one_knows_where_needs_a_look() -> None:
+    result = replace(example_run().result, events=(), closures_accepted=1)
+    warned: list[str] = []
+    laser_mounting_of(tree_of(()), "base_link", "laser", warned)
+    told = verdict(result, 10.0, 0.01, [*warned, "7 scans declare no range_max"])
+    assert "nothing needs a look" not in told and "where the laser sits is not known" in told
+    assert "nothing needs a look" in verdict(result, 10.0, 0.01, ["7 scans declare no range_max"])
 
 
 def test_a_run_ends_with_its_verdict_and_three_warnings(
