@@ -102,6 +102,10 @@ def words_of(key: str) -> str:
     return " ".join(_NAMES.get(word, word) for word in re.split(r"[_ ]+", key))
 
 
+def _metres(value: float) -> str:
+    return as_lengths(value)[0] if 0.0 < abs(value) < 0.01 else f"{as_number(value)} m"
+
+
 def _in(unit: str, factor: float = 1.0) -> Callable[[float], str]:
     return lambda value: f"{as_number(factor * value)}{unit}"
 
@@ -138,7 +142,7 @@ _BY_ENDING: dict[str, Callable[[float], str]] = {
     "_mb": _in(" MB"),
     "_hz": _in(" Hz"),
     "_kg": _in(" kg"),
-    "_m": _in(" m"),
+    "_m": _metres,
     "_h": lambda hours: as_time(3600.0 * hours),
     "_s": as_time,
 }

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 from slamsim.cli.main import app
-from slamsim.guard.quantities import as_interval, as_lengths, as_number, as_time
+from slamsim.guard.quantities import as_interval, as_lengths, as_number, as_time, with_unit
 
 HEAVY = ("gtsam", "numba", "open3d", "matplotlib", "rerun", "scipy", "rosbags", "pybullet")
 LOADED = f"""
@@ -152,6 +152,8 @@ def test_a_number_is_right_to_its_digits(value: float, digits: int) -> None:
 def test_lengths_beside_each_other_have_one_unit() -> None:
     assert as_lengths(0.00017, 0.0462) == ["0.17 mm", "46.2 mm"]
     assert as_lengths(0.00017, 1.234) == ["0.00017 m", "1.23 m"]
+    assert with_unit("ate_rmse_m", 0.0003078)[1] == "0.308 mm"
+    assert with_unit("ate_rmse_m", 0.5)[1] == "0.5 m" and with_unit("z_m", 0.0)[1] == "0 m"
 
 
 def test_an_interval_has_as_many_digits_as_it_is_sure_of() -> None:
