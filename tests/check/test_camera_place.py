@@ -207,6 +207,22 @@ def test_without_a_floor_nothing_is_told_of_tilts() -> None:
     assert all("show a floor" in one.words for one in found)
 
 
+@settings(max_examples=40, deadline=None)
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from([0.0, np.nan, np.inf, 1e-30, 1e30, 2.0]),
+    st.floats(0.0, 1.0),
+)
+def test_hopeless_depths_never_break_it(seed: int, value: float, share: float) -> None:
+    depth, T = seen_from(0.1, 0.05, 0.3, 1.0, 0.0)
+    rng = np.random.default_rng(seed)
+    grids_m = depth.grids_m.copy()
+    grids_m[rng.random(grids_m.shape) < share] = value
+    grids_m[:, rng.integers(0, HEIGHT) :, rng.integers(0, WIDTH) :] = value
+    for one in check_tilt(RecordingEvidence(with_mount(replace(depth, grids_m=grids_m), T))):
+        assert one.estimate is None or np.isfinite(one.estimate.sigma)
+
+
 def with_mount(depth: CameraSurvey, T: FloatArray, base: str = "base_link") -> Recording:
     """The recording with a camera and a lidar at these places of the base."""
     lidar = np.eye(4)

@@ -16,6 +16,8 @@ from slamsim.core.types import BoolArray, FloatArray, IntArray
 
 FEWEST_IMAGES, FEWEST_POINTS = 10, 300
 _MOST_IMAGES, _MOST_POINTS = 150, 20_000
+_NEAREST_M, _FARTHEST_M = 0.02, 100.0
+"""Between these depth cameras see; what stands for no depth is beyond."""
 _UPRIGHT = np.cos(np.radians(45.0))
 """How far from the claimed way up the floor is looked for."""
 _TRIES = 300
@@ -67,7 +69,7 @@ def fit_floor(depth: CameraSurvey, R_base_camera: FloatArray) -> FloorFit | None
     by_right, by_ahead, offset_m = slopes
     steep = np.sqrt(1.0 + by_right**2 + by_ahead**2)
     tilt = np.array([np.arctan(by_ahead), -np.arctan(by_right)])
-    sigmas = np.sqrt(np.diag(covariance))[[1, 0, 2]]
+    sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))[[1, 0, 2]]
     seen_up = (by_right * right + by_ahead * ahead + up) / steep
     height_m = float(offset_m / steep)
     return FloorFit(tilt, height_m, seen_up, sigmas, seen, int(used.sum()))
@@ -91,7 +93,9 @@ def _level_points(depth: CameraSurvey, up: FloatArray) -> tuple[FloatArray, IntA
     rays = grid_rays(depth, depth.claim.model())
     found, images = [], []
     for number, look in enumerate(chosen.tolist()):
-        points = rays * depth.grids_m[look][..., None]
+        grid_m = depth.grids_m[look]
+        seen = (grid_m > _NEAREST_M) & (grid_m < _FARTHEST_M)
+        points = rays * np.where(seen, grid_m, np.nan)[..., None]
         down, across = points[2:, 1:-1] - points[:-2, 1:-1], points[1:-1, 2:] - points[1:-1, :-2]
         normals = np.cross(across, down)
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -139,13 +143,14 @@ def _refined(
     scatter = np.hypot(_FLOOR_M, _NOISE * np.square(points[:, 2]) * grazing)
     for _ in range(_ROUNDS):
         off = (A @ values + up) / scatter
-        noise = max(1.4826 * float(np.median(np.abs(off[np.abs(off) < 10.0]))), 0.3)
+        near = np.abs(off[np.abs(off) < 10.0])
+        noise = max(1.4826 * float(np.median(near)), 0.3) if near.size else 1.0
         weights = np.square(np.maximum(1.0 - np.square(off / (_TUKEY * noise)), 0.0)) / scatter**2
         H = (A * weights[:, None]).T @ A
-        values = values - np.linalg.solve(H, (A * weights[:, None]).T @ (A @ values + up))
+        values = values - np.linalg.pinv(H) @ (A * weights[:, None]).T @ (A @ values + up)
     off = A @ values + up
     # What is wrong within an image is alike (the robot rocks, depths are bent): images count.
     pulls = np.zeros((int(image.max()) + 1, 3))
     np.add.at(pulls, image, A * (weights * off)[:, None])
-    inverse = np.linalg.inv(H)
+    inverse = np.linalg.pinv(H)
     return values, inverse @ (pulls.T @ pulls) @ inverse, weights > 0.0
