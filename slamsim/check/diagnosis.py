@@ -93,19 +93,22 @@ def _without_cameras_beside(findings: Sequence[Finding]) -> list[Finding]:
     """What cameras are measured with, scans, odometry and gyroscope, must itself be right."""
     others = [one for one in findings if one.fault and one.check.startswith(BESIDE_CAMERAS)]
     felt = [one for one in others if not _is_unfelt(one)]
+    frames = [one for one in others if one.check.startswith("tf.")]
     depths = {one.subject for one in findings if one.check == "camera.depth_scale"}
 
-    def beside(one: Finding) -> Finding:
-        by_depths = one.check in BY_DEPTHS or one.subject in depths
-        wrong = felt if by_depths else others
+    def wrong_beside(one: Finding) -> list[Finding]:
+        if not one.fault:
+            return []
         if one.check in BY_FLOOR:
-            wrong = [other for other in others if other.check.startswith("tf.")]
-        if not (one.fault and one.check in (*BY_OTHERS, *BY_FLOOR) and wrong):
-            return one
-        cause = f"{fault_meaning(wrong[0].fault or '')} ({wrong[0].subject})"
-        return one.inconclusive(f"cannot be told while {cause}")
+            return frames
+        if one.check in BY_DEPTHS or (one.check in BY_OTHERS and one.subject in depths):
+            return felt
+        return others if one.check in BY_OTHERS else []
 
-    return [beside(one) for one in findings]
+    return [
+        one.inconclusive(_while(wrong[0])) if (wrong := wrong_beside(one)) else one
+        for one in findings
+    ]
 
 
 def _is_unfelt(fault: Finding) -> bool:
@@ -120,7 +123,7 @@ def _without_known_cause(findings: Sequence[Finding]) -> list[Finding]:
     known = [one for one in findings if one.fault and one.fault != NO_CAUSE]
     if not known:
         return list(findings)
-    reason = f"cannot be told while {fault_meaning(known[0].fault or '')} ({known[0].subject})"
+    reason = _while(known[0])
     return [one.inconclusive(reason) if one.fault == NO_CAUSE else one for one in findings]
 
 
@@ -137,10 +140,12 @@ def _with_cause(finding: Finding, faults: Sequence[Finding], lidars: set[str]) -
     causes = [one for one in faults if _follows(finding, one, lidars)]
     if not causes:
         return finding
-    cause = causes[0]
-    assert cause.fault is not None
-    reason = f"cannot be told while {fault_meaning(cause.fault)} ({cause.subject})"
-    return finding.inconclusive(reason)
+    return finding.inconclusive(_while(causes[0]))
+
+
+def _while(cause: Finding) -> str:
+    """Why nothing can be told beside a fault."""
+    return f"cannot be told while {fault_meaning(cause.fault or '')} ({cause.subject})"
 
 
 def _follows(finding: Finding, cause: Finding, lidars: set[str]) -> bool:

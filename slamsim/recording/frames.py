@@ -203,6 +203,18 @@ def mounting_beside(
     return T_base_laser
 
 
+FOOTPRINT = "base_footprint"
+"""On the floor below the robot (REP 120)."""
+
+
+def footprint_height_m(tree: FrameTree, base_frame: str) -> float | None:
+    """Height of the floor in the base frame by ``base_footprint``; None where there is none."""
+    if unqualified(base_frame) == FOOTPRINT:
+        return 0.0
+    T_base_footprint = tree.between(base_frame, tree.named(FOOTPRINT))
+    return None if T_base_footprint is None else float(T_base_footprint[2, 3])
+
+
 AT_BASE = "the laser is taken to sit at the base"
 """How a warning ends that the mount of the laser, which the map depends on, is not known."""
 

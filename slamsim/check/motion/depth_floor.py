@@ -11,11 +11,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.cameras.survey import CameraSurvey
-from slamsim.check.motion.depth_slices import grid_rays
+from slamsim.check.motion.depth_slices import (
+    FEWEST_IMAGES,
+    FEWEST_POINTS,
+    chosen_looks,
+    grid_rays,
+)
 from slamsim.core.types import BoolArray, FloatArray, IntArray
 
-FEWEST_IMAGES, FEWEST_POINTS = 10, 300
-_MOST_IMAGES, _MOST_POINTS = 150, 20_000
+_MOST_POINTS = 20_000
+"""Of all images together, evenly chosen."""
 _NEAREST_M, _FARTHEST_M = 0.02, 100.0
 """Between these depth cameras see; what stands for no depth is beyond."""
 _UPRIGHT = np.cos(np.radians(45.0))
@@ -87,12 +92,10 @@ def _axes(up: FloatArray) -> tuple[FloatArray, FloatArray]:
 def _level_points(depth: CameraSurvey, up: FloatArray) -> tuple[FloatArray, IntArray]:
     """(n, 3) points in the camera where surfaces are about level, below the camera, and (n,) the
     image of each."""
-    new = np.flatnonzero(depth.is_new)
-    chosen = new[:: max(-(-new.size // _MOST_IMAGES), 1)]
     assert depth.claim is not None
     rays = grid_rays(depth, depth.claim.model())
     found, images = [], []
-    for number, look in enumerate(chosen.tolist()):
+    for number, look in enumerate(chosen_looks(depth).tolist()):
         grid_m = depth.grids_m[look]
         seen = (grid_m > _NEAREST_M) & (grid_m < _FARTHEST_M)
         points = rays * np.where(seen, grid_m, np.nan)[..., None]
@@ -134,7 +137,7 @@ def _refined(
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
     """(3,) slopes along two level axes and distance below the camera, their covariance (3, 3), and
     which points count. axes: (3, 3) right, ahead, up."""
-    right, ahead, up = points @ axes.T[:, 0], points @ axes.T[:, 1], points @ axes.T[:, 2]
+    right, ahead, up = axes @ points.T
     A = np.column_stack([right, ahead, np.ones(len(points))])
     normal = axes @ plane[:3]
     values = np.array([normal[0], normal[1], plane[3]]) / normal[2]

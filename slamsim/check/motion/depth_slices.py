@@ -135,16 +135,14 @@ _Crossing = tuple[int, FloatArray, FloatArray, FloatArray, FloatArray]
 def _crossings(
     depth: CameraSurvey, model: CameraModel, T_base_camera: FloatArray, height_m: float
 ) -> list[_Crossing]:
-    """Of images that are new, evenly chosen, as far as they see surfaces at the lidar's height."""
-    new = np.flatnonzero(depth.is_new)
-    chosen = new[:: max(-(-new.size // _MOST_IMAGES), 1)]
+    """Of the chosen images, as far as they see surfaces at the lidar's height."""
     rays, grids_m = grid_rays(depth, model), depth.grids_m
     # To a camera on its side heights change along its rows: across them only noise of depths would
     # cross the lidar's height, at depths that are chosen by that.
     if abs(T_base_camera[2, 0]) > abs(T_base_camera[2, 1]):
         rays, grids_m = rays.transpose(1, 0, 2), grids_m.transpose(0, 2, 1)
     found = []
-    for look in chosen.tolist():
+    for look in chosen_looks(depth).tolist():
         seen = _seen(grids_m[look], rays, T_base_camera, height_m)
         if seen is not None:
             found.append((int(depth.stamps_ns[depth.sampled[look]]), *seen))
@@ -159,6 +157,12 @@ def _slices(crossings: list[_Crossing], placed: _PlacedScans, late_ns: int) -> I
         if surfaces is not None:
             motion = _motion(placed.path, at_ns)
             yield _Slice(points_m, beside_m, origin_m, depths_m, *surfaces, motion)
+
+
+def chosen_looks(depth: CameraSurvey) -> IntArray:
+    """(k,) which of the sampled images are looked at: new ones, evenly chosen."""
+    new = np.flatnonzero(depth.is_new)
+    return new[:: max(-(-new.size // _MOST_IMAGES), 1)]
 
 
 def grid_rays(depth: CameraSurvey, model: CameraModel) -> FloatArray:

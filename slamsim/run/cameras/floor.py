@@ -7,11 +7,9 @@ import numpy as np
 from slamsim.config.slam import LayersConfig
 from slamsim.guard.errors import SlamsimError
 from slamsim.recording import Recording
-from slamsim.recording.frames import base_frame_of, tree_of, unqualified
+from slamsim.recording.frames import base_frame_of, footprint_height_m, tree_of, unqualified
 from slamsim.sim.robot.urdf import read_description
 
-FOOTPRINT = "base_footprint"
-"""On the floor below the robot (REP 120)."""
 _DOWN = np.array([0.0, 0.0, -1.0])
 _MOST_UPRIGHT = np.sqrt(0.5)
 """Height of a wheel's axis, a unit vector: it lies nearer to level than to upright."""
@@ -22,12 +20,9 @@ def floor_of(recording: Recording, config: LayersConfig) -> tuple[float, tuple[s
     base = base_frame_of(recording)
     if config.floor_m is not None:
         return config.floor_m, ()
-    if unqualified(base) == FOOTPRINT:
-        return 0.0, ()
-    tree = tree_of(recording.transforms)
-    T_base_footprint = tree.between(base, tree.named(FOOTPRINT))
-    if T_base_footprint is not None:
-        return float(T_base_footprint[2, 3]), ()
+    floor_m = footprint_height_m(tree_of(recording.transforms), base)
+    if floor_m is not None:
+        return floor_m, ()
     below_m = _below_wheels(recording.robot_description, unqualified(base))
     if below_m is not None:
         return below_m, ()

@@ -322,14 +322,13 @@ def _mounted(recording: Recording, by_m: FloatArray, turn_rad: float) -> Edit:
 def _lowered(recording: Recording, by_m: float) -> Edit:
     """Each camera's frame declared so much lower."""
     frames, base = _placed(recording)
-    heights_m = {
-        frame: float(T_base_camera[2, 3]) - by_m for frame, T_base_camera in frames.items()
-    }
-    repairs = (
-        Repair("set_height", frame, {"parent": base, "z_m": z_m})
-        for frame, z_m in heights_m.items()
-    )
-    return Edits(tuple(set_height(recording, each) for each in repairs))
+    edits = []
+    for frame, T_base_camera in frames.items():
+        z_m = float(T_base_camera[2, 3]) - by_m
+        edits.append(
+            set_height(recording, Repair("set_height", frame, {"parent": base, "z_m": z_m}))
+        )
+    return Edits(tuple(edits))
 
 
 def _placed(recording: Recording) -> tuple[dict[str, FloatArray], str]:

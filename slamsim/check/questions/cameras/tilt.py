@@ -9,17 +9,16 @@ import numpy as np
 from slamsim.cameras.survey import CameraSurvey
 from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding, Measurement
-from slamsim.check.motion.depth_floor import FEWEST_IMAGES, FloorFit, fit_floor
+from slamsim.check.motion.depth_floor import FloorFit, fit_floor
+from slamsim.check.motion.depth_slices import FEWEST_IMAGES
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
 from slamsim.core.types import FloatArray
 from slamsim.guard.numbers import BadNumbers
 from slamsim.recording import Recording
-from slamsim.recording.frames import unqualified
+from slamsim.recording.frames import FOOTPRINT, footprint_height_m, tree_of
 from slamsim.recording.repairs.base import Repair
 
 CAMERA_MOUNT = FaultKind("camera_mount", "a camera is mounted otherwise than declared")
-FOOTPRINT = "base_footprint"
-"""On the floor below the robot (REP 120)."""
 WANTED = "a depth camera that sees the floor"
 _LIMIT_DEG = 1.0
 _FLOOR_DEG, _FLOOR_MM = 0.25, 6.0
@@ -152,7 +151,7 @@ def _parameters(R: FloatArray) -> dict[str, float | str]:
 
 
 def _height(evidence: RecordingEvidence, frame: str, fit: FloorFit, claimed_m: float) -> Finding:
-    floor_m = _floor_m(evidence)
+    floor_m = footprint_height_m(tree_of(evidence.recording.transforms), evidence.base)
     if floor_m is None:
         return unanswered(HEIGHT, frame, f"no transform to {FOOTPRINT} says where the floor is")
     off_mm = 1e3 * (fit.height_m - (claimed_m - floor_m))
@@ -167,19 +166,6 @@ def _height(evidence: RecordingEvidence, frame: str, fit: FloorFit, claimed_m: f
             Repair("set_height", frame, {"parent": evidence.base, "z_m": fit.height_m + floor_m})
         ],
     )
-
-
-def _floor_m(evidence: RecordingEvidence) -> float | None:
-    """Height of the floor in the base frame."""
-    if unqualified(evidence.base) == FOOTPRINT:
-        return 0.0
-    children = {edge.child for edge in evidence.recording.transforms}
-    parents = {edge.parent for edge in evidence.recording.transforms}
-    for name in sorted(children | parents):
-        if unqualified(name) == FOOTPRINT:
-            T = evidence.frames.between(evidence.base, name)
-            return None if T is None else float(T[2, 3])
-    return None
 
 
 def seen_beside(recording: Recording, depth: CameraSurvey) -> bool:
