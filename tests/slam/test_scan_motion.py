@@ -220,6 +220,32 @@ def share_made_up(speed_m_s: float, noise_m: float) -> float:
     return scan_motion.made_up_sweep([track], [fit])
 
 
+def along_walls(hidden_m: float, followed: float) -> WindowFit:
+    """A straight drive of ten scans, 0.1 m each, x known to hidden_m and y to 1 mm; x follows the
+    range offset by this share of the way."""
+    poses = np.column_stack([0.1 * np.arange(10), np.zeros(10), np.zeros(10)])
+    follows = np.zeros((9, POSE, SHAPES))
+    follows[:, 0, 2] = followed * poses[1:, 0]
+    return WindowFit(
+        poses=poses,
+        inner=np.asarray(np.kron(np.eye(9), np.diag([hidden_m**-2.0, 1e6, 1e8])), np.float64),
+        made_up=np.zeros((27, 27)),
+        inlier_share=np.ones(10),
+        information=np.eye(SHAPES),
+        pull=np.zeros(SHAPES),
+        by_shape=follows.reshape(27, SHAPES),
+        unit=1.0,
+    )
+
+
+def test_a_way_that_is_hardly_known_does_not_tell_how_paths_follow_the_range_offset() -> None:
+    """An old scanner beside one wall: 1 mm of offset moved it by as much as it drove, and the
+    radius of the wheels could not be told to 18 %."""
+    known, hidden = along_walls(1e-3, -0.2), along_walls(3.0, 500.0)
+    assert scan_motion._path_by_offset([known]) == pytest.approx(-0.2)
+    assert scan_motion._path_by_offset([known, hidden]) == pytest.approx(-0.2, abs=0.01)
+
+
 def test_velocities_follow_small_steps_of_poses_as_told() -> None:
     rng, elapsed_s = np.random.default_rng(2), np.sort(np.random.default_rng(3).uniform(0, 2, 12))
     poses = np.cumsum(rng.normal(0.0, [0.05, 0.05, 0.01], (12, 3)), axis=0)

@@ -312,16 +312,20 @@ def _window(reader: BeamReader, track: LaserTrack, fit: WindowFit, unit: float) 
 
 
 def _path_by_offset(fits: list[WindowFit]) -> float:
-    """What a shorter range makes of the way from scan to scan: its mean share per metre."""
+    """What a shorter range makes of the way from scan to scan: its share per metre, each step
+    weighed as it is known. Where a wall is all that is seen, an offset moves the laser along it by
+    any length, and nobody takes that for a path."""
     grown = squared = 0.0
     for fit in fits:
+        T_first_second = between(fit.poses[:-1], fit.poses[1:])
+        information = _step_information(T_first_second, fit.covariance())
+        backward = inverse(T_first_second)
         followed = np.concatenate([np.zeros((1, 3)), fit.by_shape[:, 2].reshape(-1, 3)])
-        cos, sin = np.cos(fit.poses[:, 2]), np.sin(fit.poses[:, 2])
-        x = cos * followed[:, 0] - sin * followed[:, 1]
-        y = sin * followed[:, 0] + cos * followed[:, 1]
-        way, change = np.diff(fit.poses[:, :2], axis=0), np.diff(np.column_stack([x, y]), axis=0)
-        grown += float((way * change).sum())
-        squared += float(np.square(way).sum())
+        change = followed[1:] - np.einsum("nij,nj->ni", adjoint(backward), followed[:-1])
+        way = -backward * [1.0, 1.0, 0.0]
+        known = np.einsum("ni,nij->nj", way, information)
+        grown += float((known * change).sum())
+        squared += float((known * way).sum())
     return grown / squared if squared > 0.0 else 0.0
 
 
