@@ -62,11 +62,16 @@ def explained(findings: Sequence[Finding]) -> tuple[Finding, ...]:
 
 def _without_contradicted(findings: Sequence[Finding]) -> list[Finding]:
     """Where turns of scans and of all others differ, and scans do not fit each other well enough
-    to know their angles, no size that rests on either is told."""
-    open_questions = {
-        one.check for one in findings if one.verdict == "inconclusive" and one.estimate is not None
-    }
-    if not {"laser.rotation", "laser.angle_step"} <= open_questions:
+    to know their angles, no size that rests on either is told. Nor where scans turn by another
+    factor than all others: they are then matched in a wrong shape, and lengths come out as wrong as
+    turns."""
+    asked = {one.check: one for one in findings}
+    rotation, step = asked.get("laser.rotation"), asked.get("laser.angle_step")
+    unknown = all(
+        one is not None and one.verdict == "inconclusive" and one.estimate is not None
+        for one in (rotation, step)
+    )
+    if not unknown and (rotation is None or rotation.fault != "laser_angle_step"):
         return list(findings)
     reason = "cannot be told while the turns of the scans and of the others contradict each other"
     return [one.inconclusive(reason) if one.fault in UNTIL_TURNS_AGREE else one for one in findings]

@@ -32,6 +32,19 @@ def test_two_faults_are_both_told() -> None:
     ) == {"wheel_radius", "gyro_bias"}
 
 
+def test_scans_that_turn_by_another_factor_than_all_others_tell_no_sizes() -> None:
+    """Every second beam of a full circle, at the angle between all: half the turn, half the way."""
+    folded = bad("laser.rotation", "/scan", "laser_angle_step")
+    sizes = (
+        bad("wheels.radius", "/odom", "wheel_radius"),
+        bad("gyro.scale", "/imu", "gyro_scale"),
+        bad("gyro.bias", "/imu", "gyro_bias"),
+    )
+    assert names(folded, *sizes) == {"laser_angle_step", "gyro_bias"}
+    bent = replace(folded, check="laser.angle_step")
+    assert names(bent, *sizes) == {"laser_angle_step", "wheel_radius", "gyro_scale", "gyro_bias"}
+
+
 def test_rounded_stamps_explain_no_larger_offset_than_the_rounding() -> None:
     def of(check: str, subject: str, fault: str, ms: float) -> Finding:
         return replace(bad(check, subject, fault), estimate=Measurement(ms, 0.0, "ms"))
