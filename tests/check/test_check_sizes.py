@@ -26,10 +26,14 @@ from slamsim.check.findings import SURE_SIGMAS, decide
 from slamsim.check.motion.inputs import Inputs
 from slamsim.check.questions import changes
 from slamsim.check.questions.changes import check_changes
+from slamsim.check.questions.laser.mounting import check_mounting
 from slamsim.check.questions.ranges.scale import check_range_scale
 from slamsim.core.types import BoolArray, FloatArray
 
 Change = Callable[[FloatArray], FloatArray]
+
+FORWARD = np.array([0.25, -0.02, 0.3])
+"""A laser so far from the axle that its lever arm tells ranges of another length."""
 
 
 def seen(inputs: Inputs, change: Change) -> Inputs:
@@ -72,6 +76,24 @@ def test_the_fewest_wrong_sizes_explain_all_gains(
         assert measured is None or abs(measured.value) < 100.0 * LIMITS[size] + 0.1
     scale = check_range_scale(calibration, found)
     assert [one.fault for one in scale] == ["range_scale" if "ranges" in wrong else None]
+
+
+@pytest.mark.parametrize(
+    ("robot", "length", "wrong"),
+    [
+        (Robot(T_base_laser=FORWARD), 0.95, {"ranges"}),
+        (Robot(T_base_laser=FORWARD, radius=1.05, track=1.05), 1.0, {"radius", "track"}),
+    ],
+)
+def test_the_lever_arm_of_turns_tells_ranges_from_an_odometry_whose_path_is_scaled(
+    robot: Robot, length: float, wrong: set[Size]
+) -> None:
+    inputs = replace(seen(robot.inputs(), scaled(length, length, 1.0)), T_base_laser=FORWARD)
+    calibration = calibrate_inputs(inputs)
+    assert calibration is not None
+    found = explain(calibration)
+    assert found.wrong == wrong
+    assert not any(one.fault for one in check_mounting(calibration, found))
 
 
 def test_without_a_gyroscope_the_scans_are_believed_and_wheels_blamed() -> None:

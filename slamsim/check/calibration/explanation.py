@@ -47,6 +47,9 @@ LIMITS: dict[Size, float] = {
 consumer gyroscopes are sold with 1 % of scale error; ranges of a lidar are good to 0.2 %; 0.05 %
 between beams is a fifth of a degree in a full turn, and walls are no straighter."""
 
+PLACE_LIMIT_M = 0.005
+"""What tape measures leave of the laser's place; tyres that give move the axle by a millimetre."""
+
 HEALTHY_SHARE = 0.5
 """The standard deviation among healthy robots, as a share of the limit."""
 
@@ -66,7 +69,7 @@ in the labyrinth, on the simulator's robot, whose wheels creep by 0.2 %, were ca
 
 PATH_BIAS = 4e-4
 """By which share the paths of scans are off beyond their scatter: 0.033 % short on average over 32
-drives of nine lidars (tests/independent, seeds 9 to 23), by noise as ``OFFSET_BIAS_M``."""
+drives of nine lidars (tests/independent, seeds 9 to 23), by noise as ``OFFSET_BIAS_SHARE``."""
 
 MOST_WRONG = 3
 
@@ -81,13 +84,30 @@ class Explanation:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _Place:
+    """Where the laser sits, (2,) as declared and by its motion, in lengths of its scans, with
+    standard deviations (2,), in m."""
+
+    declared_m: FloatArray
+    found_m: FloatArray
+    sigmas_m: FloatArray
+
+    def is_wrong(self, too_long: float) -> bool:
+        """If ranges are too long by this share."""
+        off_mm = 1e3 * (self.found_m / (1.0 + too_long) - self.declared_m)
+        sizes = map(Measurement, off_mm.tolist(), (1e3 * self.sigmas_m).tolist(), ("mm", "mm"))
+        return any(decide(size, 1e3 * PLACE_LIMIT_M) == "fault" for size in sizes)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Gains:
     """seen: (k,) known rows of ``EFFECTS``, noise: (k, k) their covariance, known: (4,) which rows
-    these are."""
+    these are. place: of the laser, None where none is declared."""
 
     seen: FloatArray
     noise: FloatArray
     known: BoolArray
+    place: _Place | None = None
 
     def effects(self, sizes: tuple[Size, ...]) -> FloatArray:
         """(k, m)."""
@@ -136,7 +156,19 @@ def _gains(calibration: Calibration, motions: ScanMotions | None) -> _Gains:
         noise[3, 3] = np.square(step.sigma / step.value)
         seen[0] += motions.path_by_offset_per_m * offset.value
         noise[0, 0] += np.square(motions.path_by_offset_per_m * offset.sigma)
-    return _Gains(seen[known], noise[np.ix_(known, known)], known)
+    return _Gains(seen[known], noise[np.ix_(known, known)], known, _place(calibration))
+
+
+def _place(calibration: Calibration) -> _Place | None:
+    declared = calibration.inputs.T_base_laser
+    if declared is None:
+        return None
+    names = ("laser_x_m", "laser_y_m")
+    return _Place(
+        declared[:2],
+        np.array([calibration.value(name) for name in names]),
+        np.array([calibration.sigma(name) for name in names]),
+    )
 
 
 def _left(motions: ScanMotions, number: int) -> ShapeEstimate:
@@ -171,7 +203,20 @@ def _told_apart(gains: _Gains, chosen: tuple[Size, ...]) -> bool:
 
 def _explains(gains: _Gains, wrong: tuple[Size, ...]) -> bool:
     """Whether all of them are at fault, and no other size then is."""
-    return all(_at_fault(gains, size, wrong) == (size in wrong) for size in EFFECTS)
+    at_fault = all(_at_fault(gains, size, wrong) == (size in wrong) for size in EFFECTS)
+    return at_fault and not ("ranges" in wrong and _displaces_laser(gains, wrong))
+
+
+def _displaces_laser(gains: _Gains, wrong: tuple[Size, ...]) -> bool:
+    """Whether ranges that are wrong put a laser elsewhere that sits where it is declared to sit.
+
+    Scans measure the lever arm of a turn in lengths of their own. An odometry whose path alone is
+    scaled leaves it as long as it is; ranges would stretch it along with the path.
+    """
+    ranges = _size(gains, "ranges", wrong)
+    if gains.place is None or ranges is None:
+        return False
+    return gains.place.is_wrong(ranges.value / 100.0) and not gains.place.is_wrong(0.0)
 
 
 def _at_fault(gains: _Gains, size: Size, wrong: tuple[Size, ...]) -> bool:

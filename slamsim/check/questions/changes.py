@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.check.calibration.explanation import LIMITS
+from slamsim.check.calibration.explanation import LIMITS, PLACE_LIMIT_M
 from slamsim.check.calibration.joint import Calibration
 from slamsim.check.calibration.model import UNKNOWNS
 from slamsim.check.calibration.noise import Pieces
@@ -17,7 +17,7 @@ from slamsim.check.findings import Curve, Finding, Measurement, Plot, decide
 from slamsim.check.question import FaultKind, Question, QuestionGroup, anywhere, judge
 from slamsim.check.questions.clocks.pairs import LIMITS_S
 from slamsim.check.questions.inertial.gyroscope import BIAS_LIMIT_RAD_S
-from slamsim.check.questions.laser.mounting import PLACE_LIMIT_M, YAW_LIMIT_DEG
+from slamsim.check.questions.laser.mounting import YAW_LIMIT_DEG
 from slamsim.check.questions.streams.clock_steps import CLOCK_STEP
 from slamsim.core.quantiles import chi_square, student_t
 from slamsim.core.types import FloatArray

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.check.calibration.explanation import Explanation
+from slamsim.check.calibration.explanation import PLACE_LIMIT_M, Explanation
 from slamsim.check.calibration.joint import Calibration
 from slamsim.check.evidence import of_sizes
 from slamsim.check.findings import Finding, Measurement
@@ -17,8 +17,8 @@ from slamsim.core.geometry import wrap_angle
 from slamsim.core.types import FloatArray
 from slamsim.recording.repairs.base import Repair
 
-YAW_LIMIT_DEG, PLACE_LIMIT_M = 0.3, 0.005
-"""What brackets and tape measures leave; tyres that give move the axle by a millimetre."""
+YAW_LIMIT_DEG = 0.3
+"""What brackets leave."""
 
 DRIVING = "ten metres of straight driving"
 TURNING = "turning on the spot to both sides"
