@@ -134,6 +134,17 @@ def test_noise_that_bends_the_scans_of_few_beams_is_no_wrong_angle() -> None:
     assert abs(angle.value - 1.0) < 2.0 * angle.sigma < 0.02
 
 
+@pytest.mark.parametrize(("noise_m", "sigma_mm"), [(0.0, 1.0), (0.025, 3.0)])
+def test_the_range_offset_is_as_unsure_as_noise_makes_it(noise_m: float, sigma_mm: float) -> None:
+    """What noise adds to it, 2 mm as a rule, is none of a lidar without noise."""
+    walls, tour = world()
+    scans = raw_scans(sense_scans(walls, drive(tour, max_s=20.0), LIDAR, noise_m, 0))
+    motions = laser_motions(Recording("noisy", "mcap", streams=(scans,)))
+    assert motions is not None
+    offset_mm, sigma = 1e3 * motions.range_offset_m.value, 1e3 * motions.range_offset_m.sigma
+    assert abs(offset_mm) < 2.0 * sigma < 2.0 * sigma_mm
+
+
 def test_degrees_are_named() -> None:
     first, last = np.degrees([LIDAR.angle_min_rad, -LIDAR.angle_min_rad])
     step = float(np.degrees(STEP))
