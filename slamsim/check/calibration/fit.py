@@ -11,13 +11,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.check.calibration.model import CLOCKS, PRIOR_SIGMAS, ROWS, Model
+from slamsim.check.calibration.model import (
+    CLOCKS,
+    PRIOR_SIGMAS,
+    ROWS,
+    TURN_GAIN,
+    Model,
+)
 from slamsim.check.calibration.noise import (
     Pieces,
     blocks,
     pieces_of,
     share_of_scans,
     whitened,
+    whitening,
 )
 from slamsim.core.types import BoolArray, FloatArray, IntArray
 from slamsim.models.jackknife import jackknife, wider
@@ -37,6 +44,12 @@ UNKNOWN_VARIANCE = 1e12
 NOTHING = 1e-6
 ROUNDING = 1e-12
 """Weight, 1/m^2 or 1/rad^2, of what is not known: keeps roots real."""
+
+TURNS_BY_WHEELS = 2
+"""Row of the residual."""
+
+MOST_ATTENUATED = 0.1
+"""Wheels whose noise is a larger share of what they say tell no gain that could be corrected."""
 
 FEW_BLOCKS = 6
 USUAL_SQUARE = 0.455
@@ -81,8 +94,7 @@ def fit(model: Model, start: FloatArray) -> Fit:
     noise.learn(model.residual(values), model.covered(values))
     jacobian = model.jacobian(values)
     for number in range(MOST_ROUNDS):
-        root = noise.root(model.covered(values))
-        equations = _equations(model, (values, start), jacobian, prior, root, parts)
+        equations = _equations(model, (values, start), jacobian, prior, noise, parts)
         step = -np.linalg.solve(equations.information, equations.gradient)
         values = values + step
         if number < LEARNING_ROUNDS:
@@ -92,8 +104,7 @@ def fit(model: Model, start: FloatArray) -> Fit:
             break
         if moved > STRAIGHT_SIGMAS:
             jacobian = model.jacobian(values)
-    root = noise.root(model.covered(values))
-    last = _equations(model, (values, start), jacobian, prior, root, parts)
+    last = _equations(model, (values, start), jacobian, prior, noise, parts)
     pieces = _pieces(model, last, parts)
     return Fit(
         values=values,
@@ -148,13 +159,21 @@ class _Equations:
 
     @property
     def covariance(self) -> FloatArray:
-        """(p, p), whatever the noise is like."""
+        """(p, p), whatever the noise is like.
+
+        No smaller than noise alone makes it: of few blocks that tell, such as the few turns that
+        tell a drift, a jackknife finds down to half of that by chance. Of 48 healthy drives
+        (tests/independent) the intervals of drifts held 90 %, pulls being 1.2 instead of 1.
+        """
+        least = self.by_noise
         if len(self.gradients) < FEW_BLOCKS:
-            return self.by_noise
+            return least
         inverse = np.linalg.inv(self.information)
         by_blocks, moved = jackknife(self.information, self.gained, self.gradients)
         stretch = wider(moved)
-        return np.asarray(np.outer(stretch, stretch) * by_blocks + inverse @ self.prior @ inverse)
+        found = np.outer(stretch, stretch) * by_blocks + inverse @ self.prior @ inverse
+        short = np.sqrt(np.maximum(np.diag(least) / np.diag(found), 1.0))
+        return np.asarray(np.outer(short, short) * found)
 
 
 def _equations(
@@ -162,10 +181,11 @@ def _equations(
     values_start: tuple[FloatArray, FloatArray],
     jacobian: FloatArray,
     prior: FloatArray,
-    root: FloatArray,
+    noise: _Noise,
     parts: list[IntArray],
 ) -> _Equations:
     values, start = values_start
+    root = noise.root(model.covered(values))
     residual = model.residual(values)
     unit_residual = np.einsum("nij,nj->ni", root, residual)
     unit_jacobian = np.einsum("nij,njp->nip", root, jacobian)
@@ -173,14 +193,17 @@ def _equations(
     weight = 1.0 / (1.0 + chi2 / DOUBT_SQUARED)
     told = np.einsum("nij,nij->nj", root, root) > 2.0 * NOTHING
     used = told.any(axis=1)
+    root = np.sqrt(weight)[:, None, None] * root
     unit_residual *= np.sqrt(weight)[:, None]
     unit_jacobian *= np.sqrt(weight)[:, None, None]
     share = share_of_scans(unit_residual, model.steps, parts)
     gained, gradients, squared, count = [], [], 0.0, 0
     for part in parts:
-        mine, slopes = whitened(part, model.steps, share, unit_residual, unit_jacobian)
+        by = whitening(part, model.steps, share)
+        mine, slopes = whitened(by, unit_residual[part]), whitened(by, unit_jacobian[part])
         gained.append(np.einsum("nip,niq->pq", slopes, slopes))
-        gradients.append(np.einsum("nip,ni->p", slopes, mine))
+        made_up = noise.made_up(root[part], by, values, np.diag(gained[-1]))
+        gradients.append(np.einsum("nip,ni->p", slopes, mine) - made_up)
         squared += float(np.square(mine).sum())
         count += int(told[part].sum())
     prior_gradient = prior @ (values - start)
@@ -207,6 +230,7 @@ class _Noise:
         least = np.array([reading[0], 1e-5, reading[1]])
         self._least = np.append(2.0 * np.square(least), 1e-10) + 1e-12
         self._own = self._least.copy()
+        self._told_apart = False
         self._information = model.steps.information
         self._scans = _inverted(self._information)
 
@@ -225,6 +249,7 @@ class _Noise:
         if not np.any(self._information):
             self._learn_without_scans(both)
         elif len(both) >= ROWS:
+            self._told_apart = True
             self._own[2:] = np.maximum(_turn_variances(both), self._least[2:])
 
     def _learn_without_scans(self, residual: FloatArray) -> None:
@@ -235,6 +260,29 @@ class _Noise:
         apart = float(np.median(np.square(residual[:, 3] - residual[:, 2]))) / USUAL_SQUARE
         self._own[:2] = UNKNOWN_VARIANCE
         self._own[2:] = np.maximum(0.5 * apart, self._least[2:])
+
+    def made_up(
+        self, root: FloatArray, by: FloatArray, values: FloatArray, gained: FloatArray
+    ) -> FloatArray:
+        """(p,) gradient of one block that is noise of the wheels and not what they say.
+
+        The noise of the wheels' turns is in the slope of their gain and in the residual alike,
+        which draws the gain toward nothing (attenuation; corrected score, Nakamura 1990): by
+        0.06 % on average over 48 healthy drives (tests/independent), 0.12 % where scans come
+        often, for the noise of a step is then a larger share of its turn. Known only where a third
+        stream tells whose noise it is: what scans add draws no gain. root: (n, 4, 4) of the
+        weight, by: (4, n, n) ``whitening``, gained: (p,) information on each value.
+        """
+        gradient = np.zeros_like(values)
+        gain = float(values[TURN_GAIN])
+        if not self._told_apart or gain == 0.0:
+            return gradient
+        felt = np.square(by).sum(axis=1).T * np.square(root[:, :, TURNS_BY_WHEELS])
+        noise = float(self._own[TURNS_BY_WHEELS] * felt.sum())
+        gradient[TURN_GAIN] = min(
+            noise / gain, MOST_ATTENUATED * float(gained[TURN_GAIN]) * gain, key=abs
+        )
+        return gradient
 
     def root(self, covered: tuple[BoolArray, BoolArray]) -> FloatArray:
         """(n, 4, 4) upper root of the weight of the residuals: R'R is the inverse covariance."""

@@ -113,7 +113,7 @@ class Calibration:
             float(np.sqrt(by @ matrix @ by))
             for matrix in (self.covariance, self.fit.bound_covariance)
         )
-        return onto + float(by @ self.fit.values), sigma, bound
+        return onto + float(by @ self.fit.values), max(sigma, bound), bound
 
 
 def calibrate_inputs(inputs: Inputs) -> Calibration | None:

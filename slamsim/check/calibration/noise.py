@@ -72,18 +72,16 @@ def share_of_scans(residual: FloatArray, steps: LaserSteps, parts: list[IntArray
     return np.asarray(np.clip(share, 0.0, MOST_SHARED))
 
 
-def whitened(
-    part: IntArray, steps: LaserSteps, share: FloatArray, *columns: FloatArray
-) -> list[FloatArray]:
-    """Each of (n, k, ...) columns of one block with the errors of shared scans taken out."""
+def whitening(part: IntArray, steps: LaserSteps, share: FloatArray) -> FloatArray:
+    """(k, n, n) for each of k columns what takes the errors of shared scans out of one block."""
     pattern = shared_scans(steps.first[part], steps.second[part])
-    out = [np.empty((part.size, *column.shape[1:])) for column in columns]
-    for row, mine in enumerate(share):
-        factor = np.linalg.cholesky((1.0 - 2.0 * mine) * np.eye(part.size) + mine * pattern)
-        inverted = np.linalg.inv(factor)
-        for column, target in zip(columns, out, strict=True):
-            target[:, row] = np.tensordot(inverted, column[part, row], axes=1)
-    return out
+    covariances = [(1.0 - 2.0 * mine) * np.eye(part.size) + mine * pattern for mine in share]
+    return np.linalg.inv(np.linalg.cholesky(np.array(covariances)))
+
+
+def whitened(by: FloatArray, column: FloatArray) -> FloatArray:
+    """(n, k, ...) of one block, by its ``whitening`` (k, n, n)."""
+    return np.asarray(np.einsum("kij,jk...->ik...", by, column))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
