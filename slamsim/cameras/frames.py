@@ -22,6 +22,9 @@ _MOST_MM_OF_METRES = 65
 (RealSense D405), and none farther than 65 m."""
 _LEAST_M_OF_MM = 100.0
 """Depths of which none is smaller, in metres, are millimetres."""
+_USUAL_NAMES = {"fisheye": "equidistant"}
+"""ROS's names of distortion models that are told otherwise: OpenCV calls Kannala-Brandt's so, and
+drivers and calibrators of fisheye cameras write it into CameraInfo."""
 _FEW = 0.01
 """Share of an image's pixels that must have a depth before its unit is doubted."""
 
@@ -156,6 +159,10 @@ class CameraClaim:
     roi_px: tuple[int, int, int, int] = (0, 0, 0, 0)
     T_body_camera: FloatArray | None = None
     readout_s: float | None = None
+
+    def __post_init__(self) -> None:
+        usual = _USUAL_NAMES.get(self.distortion_model, self.distortion_model)
+        object.__setattr__(self, "distortion_model", usual)
 
     @property
     def image_size(self) -> tuple[int, int]:

@@ -316,6 +316,22 @@ def test_claims_are_for_the_whole_sensor_images_for_its_window(tmp_path: Path) -
     np.testing.assert_allclose((pixel + 0.5 - [12, 20]) / 2 - 0.5, inside, atol=1e-12)
 
 
+def test_a_fisheye_by_the_name_that_opencv_gives_it_is_equidistant(tmp_path: Path) -> None:
+    d = np.array([0.1, 0.0, 0.0, 0.0])
+    messages = [
+        ("/ros/camera_info", CAMERA.info(distortion_model="equidistant", d=d)),
+        ("/cv/camera_info", CAMERA.info(distortion_model="fisheye", d=d)),
+        ("/ros/image", CAMERA.raw(0, colours(), "rgb8")),
+        ("/cv/image", CAMERA.raw(0, colours(), "rgb8")),
+    ]
+    with open_cameras(bag(tmp_path / "a.mcap", *messages)) as cameras:
+        models = [cameras.model(f"/{name}/image") for name in ("ros", "cv")]
+        assert cameras.infos["/cv/image"].distortion_model == "equidistant"
+    point = np.array([[-0.2, 0.1, 1.0]])
+    pixels = [model.project(point)[0] for model in models]
+    np.testing.assert_array_equal(pixels[0], pixels[1])
+
+
 def test_the_only_claim_of_the_same_frame_is_taken(tmp_path: Path) -> None:
     messages = [
         ("/elsewhere/info", CAMERA.info()),

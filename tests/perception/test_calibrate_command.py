@@ -202,6 +202,15 @@ def test_tags_on_a_drive_give_mount_and_clock(
     assert entry["mount"]["yaw_deg"] == pytest.approx(np.degrees(0.026), abs=0.1)
 
 
+def test_what_would_tell_a_lens_by_tags_is_more_of_them() -> None:
+    unsure: Any = SimpleNamespace(explains=True, model=MODEL, sigma=lambda _: 1e3)
+    _, told = calibrating._chosen(unsure, unsure, MODEL)
+    assert [each.name for each in told] == ["fx", "fy", "cx", "cy"]
+    for each in told:
+        assert each.verdict == "inconclusive"
+        assert "tags" in each.wanted and "board" not in each.wanted, "there is none on a drive"
+
+
 def test_a_path_that_drifts_is_used_visit_by_visit() -> None:
     setting = Setting(path_sigmas=(0.0, 0.0), seconds=30.0, rate_hz=4.0)
     one = driven(3, setting)

@@ -289,7 +289,8 @@ def _chosen(
         return held, []
     model = whole.model
     sigmas = np.array([whole.sigma(name) for name in lens_names(model)])
-    told = list(report.lens_quantities(model, sigmas, claim))[: len(ALL_LENS)]
+    found = report.lens_quantities(model, sigmas, claim, report.TAGS_WANTED)
+    told = list(found)[: len(ALL_LENS)]
     wrong = any(each.verdict == "fault" for each in told)
     return (whole if wrong or claim is None else held), told
 

@@ -27,6 +27,7 @@ PLACE_M, TURN_DEG, LATE_S = 0.01, 0.5, 0.005
 0.5 m/s and 1 rad/s a late image is 2.5 mm and 0.3 degrees off."""
 HEIGHT_WANTED = "--surveyed tags tell the height"
 TILT_WANTED = "views of the board from near and far, tilted by 30 degrees and more"
+TAGS_WANTED = "more tags, near and far, in all parts of the image"
 PATH_WANTED = "a path that does not drift: scans of a lidar, or --trajectory"
 MOTION_WANTED = "a drive with turns past more tags, near enough to be 20 px wide"
 
@@ -119,15 +120,16 @@ class CameraResult:
 
 
 def lens_quantities(
-    model: CameraModel, sigmas: FloatArray, claim: CameraModel | None
+    model: CameraModel, sigmas: FloatArray, claim: CameraModel | None, wanted: str = TILT_WANTED
 ) -> Iterator[Quantity]:
-    """Focal lengths, centre and coefficients; sigmas (l,) as ``lens_names``."""
+    """Focal lengths, centre and coefficients; sigmas (l,) as ``lens_names``. wanted: what would
+    tell them."""
     limits = [FOCAL_SHARE * float(model.focal_px.mean())] * 2 + [CENTRE_SHARE * model.width] * 2
     for k, name in enumerate(lens_names(model)):
         value, said = _lens_number(model, k), None if claim is None else _lens_number(claim, k)
         measured = (value, float(sigmas[k]), "px" if k < len(LENS) else "")
         if k < len(LENS):
-            yield quantity(name.removesuffix("_px"), measured, said, limits[k], TILT_WANTED)
+            yield quantity(name.removesuffix("_px"), measured, said, limits[k], wanted)
         else:
             same = claim is not None and claim.distortion_model == model.distortion_model
             yield Quantity(name, *measured, said if same else None, None, "measured")
