@@ -241,6 +241,8 @@ def test_a_quantity_is_judged_by_its_interval() -> None:
     assert verdict(1.0, None) == "inconclusive"
     near = quantity("x", (0.5, 0.001, "m"), 0.4905, 0.01, "more turns")
     assert near.verdict == "inconclusive" and "off by 0.0095 m" in near.wanted
+    well_within = quantity("x", (0.5, 0.0046, "m"), 0.4985, 0.01, "more turns")
+    assert (well_within.verdict, well_within.wanted) == ("inconclusive", "more turns")
 
 
 def test_visits_of_one_tag_are_told_apart_by_time(thirty: Driven) -> None:

@@ -84,7 +84,8 @@ def quantity(
         told = decide(Measurement(off, sigma, unit), limit)
     if told != "inconclusive":
         wanted = ""
-    elif 1.96 * sigma <= limit:
+    elif 1.96 * sigma <= limit and abs(abs(off or 0.0) - limit) <= 0.98 * sigma:
+        # Nor would half the interval tell, which takes four times as much to see.
         wanted = f"off by {as_number(abs(off or 0.0), 3)} {unit}, which is about what may be"
     return Quantity(name, value, sigma, unit, claimed, off, told, wanted)
 
