@@ -8,16 +8,18 @@ from typing import cast
 import numpy as np
 import pytest
 
-from slamsim.config.back_end import SubmapConfig
+from slamsim.config.back_end import GraphConfig, SubmapConfig
 from slamsim.config.slam import SlamConfig
+from slamsim.core.result import GraphEdge
 from slamsim.core.types import FloatArray
 from slamsim.slam.backend import back_end
 from slamsim.slam.backend.back_end import BackEnd
+from slamsim.slam.backend.solution import Solution
 from slamsim.slam.closures.closure import Expected
 from slamsim.slam.closures.submaps import Submap
 from slamsim.slam.frontend.keyframes import Keyframe
 from slamsim.slam.frontend.parts import Parts
-from slamsim.slam.mapping.health import Usual, contradicts_what_was_before
+from slamsim.slam.mapping.health import Usual, contradicts_what_was_before, follows_on
 from slamsim.slam.matching.surfaces import (
     BEAMS,
     HALF_LENGTH,
@@ -31,11 +33,18 @@ from slamsim.slam.matching.surfaces import (
 WIDE, DEEP = (6.0, 3.0), (3.0, 6.0)
 """Rooms: half of their extents, as seen from the middle."""
 
+TIGHT = np.diag([1e-4, 1e-4, 1e-4])
+
 
 @dataclass
 class Look:
     origin_m: FloatArray
     beams_m: FloatArray
+
+
+@dataclass
+class Placed:
+    T_map_base: FloatArray
 
 
 class AsUsual(Usual):
@@ -105,6 +114,42 @@ def test_a_map_that_knows_nothing_of_the_place_contradicts_nothing() -> None:
         assert not contradicts_what_was_before(
             lambda _: query, before, poses, size, AsUsual(0.0), run, lambda *_: True
         )
+
+
+@pytest.mark.parametrize(
+    ("strange", "seen", "follows"),
+    [(1, 16, True), (2, 16, True), (3, 16, False), (16, 16, False), (1, 8, True), (0, 7, False)],
+)
+def test_metres_that_show_what_was_seen_before_follow_on(
+    strange: int, seen: int, follows: bool
+) -> None:
+    """A few scans among people contradict it; and what shows nothing of it says nothing."""
+    begin = 4
+    keyframes = [Placed(np.array([0.0 if k < begin + seen else 100.0, 0, 0])) for k in range(30)]
+
+    def around(number: int) -> Submap:
+        return room(DEEP if begin <= number < begin + strange else WIDE, number, float(number))
+
+    assert follows_on(around, cast(list[Keyframe], keyframes), begin, SubmapConfig()) is follows
+
+
+@pytest.mark.parametrize("followed", [False, True])
+def test_what_follows_on_is_not_taken_elsewhere_by_a_place_that_looks_alike(followed: bool) -> None:
+    """Of two doubts before the closure, the one that is none stays where odometry has it; and a
+    closure across that one alone is no more believed than without it."""
+    steps = [GraphEdge(k, k + 1, np.array([1.0, 0, 0]), TIGHT, "match") for k in range(8)]
+    solution = Solution(GraphConfig())
+    solution.begin(np.zeros(3))
+    for edge in steps:
+        solution.extend(edge, apart=edge.target in (3, 6), linked=True)
+    if followed:
+        solution.parts.follow(3)
+    elsewhere = np.array([500.0, 0, 0])
+    assert solution.may_be(GraphEdge(0, 4, elsewhere, TIGHT, "closure")) is not followed
+    assert solution.may_be(GraphEdge(0, 8, elsewhere, TIGHT, "closure"))
+    solution.enter(GraphEdge(0, 8, elsewhere, TIGHT, "closure"))
+    assert solution.parts.carried_to == ((6,) if followed else (3, 6))
+    assert solution.parts.open_between(0, 8) == ([3] if followed else [])
 
 
 def test_a_run_ends_where_the_next_begins() -> None:

@@ -47,15 +47,15 @@ def test_parts_are_the_components_of_chain_and_closures(
 
 @settings(max_examples=200)
 @given(
-    begins=st.dictionaries(st.integers(1, COUNT - 1), st.sampled_from("ulwck"), max_size=6),
+    begins=st.dictionaries(st.integers(1, COUNT - 1), st.sampled_from("ulfwck"), max_size=6),
     one=st.integers(0, COUNT - 1),
     other=st.integers(0, COUNT - 1),
 )
 def test_runs_are_linked_until_something_refutes_it(
     begins: dict[int, str], one: int, other: int
 ) -> None:
-    """u: nothing links the run to the one before, l: odometry does, w: and it was right, c: and it
-    was wrong, k: and it is kept, right or wrong."""
+    """u: nothing links the run to the one before, l: odometry does, f: and so does what was seen at
+    its beginning, w: and it was right, c: and it was wrong, k: and it is kept, right or wrong."""
     parts = Parts()
     for begin, kind in sorted(begins.items()):
         parts.begin(begin, linked=kind != "u")
@@ -66,12 +66,16 @@ def test_runs_are_linked_until_something_refutes_it(
             parts.confirm(begin)
         elif kind == "k":
             parts.leave(begin)
+        elif kind == "f":
+            parts.follow(begin)
     low, high = sorted((one, other))
     between_them = {b: kind for b, kind in begins.items() if low < b <= high}
     kinds = set(between_them.values())
     assert parts.linked(one, other) == (not kinds & {"u", "c"})
     assert (parts.of(one) == parts.of(other)) == (kinds <= {"w", "k"})
-    assert parts.open_between(one, other) == sorted(b for b, k in between_them.items() if k == "l")
+    undecided = sorted(b for b, kind in between_them.items() if kind in "lf")
+    assert parts.open_between(one, other) == undecided
+    assert parts.doubted_between(one, other) == [b for b in undecided if begins[b] == "l"]
     assert parts.withdrawn == {b for b, kind in begins.items() if kind == "w"}
     parts.rebuild([])
     assert (parts.of(one) == parts.of(other)) == (kinds <= {"w", "k"})

@@ -38,10 +38,12 @@ from slamsim.slam.frontend.keyframes import LEAST_MOTION, Keyframe, begins_drive
 from slamsim.slam.frontend.odometry import CARRIED, ELSEWHERE
 from slamsim.slam.frontend.preintegration import OdometryNoise, OdometryStep, then
 from slamsim.slam.mapping.health import (
+    AFTERWARDS,
     EVERY_KEYFRAMES,
     Usual,
     carried,
     contradicts_what_was_before,
+    follows_on,
     tears,
 )
 from slamsim.slam.mapping.joints import SURE_SIGMAS, doubtful_joints, open_loops
@@ -282,6 +284,19 @@ class BackEnd:
         submap = self._cutter.add(keyframe, known)
         if submap is not None:
             self._search.offer(submap)
+        self._look_back()
+
+    def _look_back(self) -> None:
+        """Once the metres after a doubt are seen: do they follow on what was seen before it?
+
+        Then a closure that finds them elsewhere was misled by a place that looks alike, and all of
+        the run has to say otherwise, see ``_settle``.
+        """
+        count, parts = len(self.keyframes), self._solution.parts
+        for begin in parts.doubted_between(0, count):
+            seen = count - begin == AFTERWARDS
+            if seen and follows_on(self._around, self.keyframes, begin, self._config.submaps):
+                parts.follow(begin)
 
     def _close_what_is_open(self, progress: Progress) -> None:
         """Search and solve in turn, until no more is found."""

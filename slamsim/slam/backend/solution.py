@@ -160,9 +160,8 @@ class Solution:
     def may_be(self, edge: GraphEdge) -> bool:
         """Whether a key frame may be where an edge has it, by how far any odometry drifts; anywhere
         where none tells."""
-        if self.parts.of(edge.source) != self.parts.of(edge.target):
-            return True
-        if self.parts.open_between(edge.source, edge.target):
+        linked = self.parts.linked(edge.source, edge.target)
+        if not linked or self.parts.doubted_between(edge.source, edge.target):
             return True
         expected = self.expected(edge.source, edge.target)
         drifted = self._drifted(expected, edge.source, edge.target)
@@ -218,12 +217,13 @@ class Solution:
         begins = self.parts.open_between(edge.source, edge.target)
         if not begins or not self.parts.linked(edge.source, edge.target):
             return
+        doubted = self.parts.doubted_between(edge.source, edge.target)
         expected = self.expected(edge.source, edge.target)
         drifted = self._drifted(expected, edge.source, edge.target)
         for begin in begins:
             if sigmas_off(edge, expected) <= CARRIED_SIGMAS:
                 self.parts.withdraw(begin)
-            elif sigmas_off(edge, drifted) > CARRIED_SIGMAS:
+            elif begin in doubted and sigmas_off(edge, drifted) > CARRIED_SIGMAS:
                 self.loosen(begin)
 
     def _drifted(self, expected: Expected, source: int, target: int) -> Expected:

@@ -219,12 +219,20 @@ class ClosureSearch:
         count = 0
         for one in accepted:
             pair = (one.submap, one.edge.target)
-            if pair not in self._closed:  # it may have been found again while it waited
+            if self._looks_alike(one.edge):
+                self.refusals["contradiction"] += 1
+            elif pair not in self._closed:  # it may have been found again while it waited
                 self._closed.add(pair)
                 self._solution.close(one)
                 self._new.append(one.edge)
                 count += 1
         return count
+
+    def _looks_alike(self, edge: GraphEdge) -> bool:
+        """Whether a closure finds the robot elsewhere past doubts none of which is left: what was
+        seen after them follows on what was seen before."""
+        doubted = self._solution.parts.open_between(edge.source, edge.target)
+        return bool(doubted) and not self._solution.may_be(edge)
 
     def _path_m(self, index: int) -> float:
         return self._cutter.keyframes[index].path_m

@@ -22,6 +22,7 @@ class Parts:
         self.withdrawn: set[int] = set()
         """Key frames that began a run to which, as it turned out, the robot was not carried."""
         self._left: set[int] = set()
+        self._followed: set[int] = set()
 
     def begin(self, keyframe: int, linked: bool = False) -> None:
         """This key frame and those after it belong to a part of their own.
@@ -50,6 +51,14 @@ class Parts:
         before, which nothing has confirmed or refuted yet."""
         low, high = sorted((one, other))
         return [begin for begin in self._open if low < begin <= high]
+
+    def doubted_between(self, one: int, other: int) -> list[int]:
+        """Those of them of which a closure alone may say that the robot was carried there."""
+        return [begin for begin in self.open_between(one, other) if begin not in self._followed]
+
+    def follow(self, begin: int) -> None:
+        """What was seen at the beginning of this run follows on what was seen before it."""
+        self._followed.add(begin)
 
     def linked(self, one: int, other: int) -> bool:
         """Whether something tells where two key frames should be as seen from each other."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -65,6 +65,20 @@ def carried(before: Submap, now: Submap, T_before_now: FloatArray, size: SubmapC
     return contradiction(before, space, now, T_before_now, size) > CARRIED_SHARE
 
 
+def follows_on(
+    query_of: Callable[[int], Submap],
+    keyframes: Sequence[Keyframe],
+    number: int,
+    size: SubmapConfig,
+) -> bool:
+    """Whether what was seen on the metres after a key frame is what was seen before it: a single
+    scan among people, or of few beams, contradicted that, and the robot was not carried."""
+    poses = [keyframe.T_map_base for keyframe in keyframes]
+    shares = np.array(list(_afterwards(query_of, poses, number, size)))
+    known = shares[np.isfinite(shares)]
+    return known.size >= AFTERWARDS // 2 and float(known.mean()) <= HARMLESS
+
+
 class Usual:
     """How much what is seen on some metres contradicts what was seen before, where nothing is
     suspected: among trees, on ramps, in a crowd it is more than between walls.
@@ -118,7 +132,7 @@ class Usual:
 
     def _shares(self, number: int) -> list[float]:
         poses = [keyframe.T_map_base for keyframe in self._keyframes]
-        return list(_afterwards(self._query_of, poses, number, self._size))
+        return _known(_afterwards(self._query_of, poses, number, self._size))
 
 
 def _afterwards(
@@ -128,7 +142,7 @@ def _afterwards(
     size: SubmapConfig,
 ) -> Iterator[float]:
     """How much what was seen on the metres after a key frame contradicts what was seen before it,
-    with the key frames at these poses."""
+    with the key frames at these poses; nan where too little of both is known."""
     before = query_of(number - 1)
     space = space_grid(before, size.resolution_m, size.radius_m)
     for later in range(number, min(number + AFTERWARDS, len(poses))):
@@ -136,6 +150,11 @@ def _afterwards(
         if now.first >= number:
             T = between(poses[before.anchor], poses[later])
             yield contradiction(before, space, now, T, size)
+
+
+def _known(shares: Iterable[float]) -> list[float]:
+    """Contradictions: where too little is known of both there is none."""
+    return [0.0 if np.isnan(share) else share for share in shares]
 
 
 def _torn_unnoticed(
@@ -149,7 +168,7 @@ def _torn_unnoticed(
     contradicts what was seen before, and no loop tells that the robot came there as it seems."""
     keyframes = graph.keyframes
     for number in doubts:
-        shares = list(_afterwards(query_of, keyframes.poses, number, size))
+        shares = _known(_afterwards(query_of, keyframes.poses, number, size))
         if usual.is_carried_by(shares) and not closures_agree(graph, number):
             x, y = keyframes.poses[number, :2]
             start_ns, end_ns = keyframes.stamps_ns[[number - 1, number]].tolist()
@@ -160,22 +179,23 @@ def contradiction(
     a: Submap, space_a: SpaceGrid, b: Submap, T_a_b: FloatArray, size: SubmapConfig
 ) -> float:
     """Share of what each of two pieces of map has seen that stands where the other saw free space:
-    the smaller of both shares, or less than HARMLESS; 0 where they know too little of each other.
+    the smaller of both shares, or less than HARMLESS; nan where they know too little of each other.
 
     T_a_b: (3,).
     """
     there = _share_in_the_open(space_a, b, T_a_b)
-    if there < HARMLESS:
+    if not there >= HARMLESS:
         return there
     space_b = space_grid(b, size.resolution_m, size.radius_m)
-    return min(there, _share_in_the_open(space_b, a, between(T_a_b, np.zeros(3))))
+    back = _share_in_the_open(space_b, a, between(T_a_b, np.zeros(3)))
+    return float(np.minimum(there, back))
 
 
 def _share_in_the_open(space: SpaceGrid, other: Submap, T_space_other: FloatArray) -> float:
     seen = space.at(transform_points(T_space_other, other.points_m))
     known = np.count_nonzero(seen != UNKNOWN)
     if known < max(MIN_KNOWN, MIN_KNOWN_SHARE * len(seen)):
-        return 0.0
+        return np.nan
     return float(np.count_nonzero(seen == FREE) / known)
 
 
@@ -253,7 +273,7 @@ def _contradictions(
         for query in queries:
             T = between(poses[submap.anchor], poses[query.anchor])
             share = contradiction(submap, space, query, T, size)
-            worst.setdefault(query.anchor, []).append(share)
+            worst.setdefault(query.anchor, []).extend(_known([share]))
     numbers = np.array(sorted(worst), dtype=np.int64)
     mean = np.array([np.mean(worst[number]) for number in numbers.tolist()], dtype=np.float64)
     return numbers, uniform_filter1d(mean, SMOOTHED, mode="nearest") if len(mean) else mean
