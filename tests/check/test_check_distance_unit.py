@@ -49,11 +49,15 @@ def reported(name: str) -> CheckReport:
 @pytest.mark.parametrize(
     "name",
     [
-        "range_feet",
         "wheels_millimetres",
         *(
             pytest.param(name, marks=pytest.mark.slow)
-            for name in ("range_inches", "range_millimetres_throughout", "wheels_centimetres")
+            for name in (
+                "range_feet",
+                "range_inches",
+                "range_millimetres_throughout",
+                "wheels_centimetres",
+            )
         ),
     ],
 )

@@ -84,6 +84,7 @@ def test_what_was_cut_on_the_way_counts_for_nothing(
     assert downloaded(address, tmp_path / "after") == whole
 
 
+@pytest.mark.slow
 def test_a_killed_run_is_gone_on_with(
     bucket: str, worker: WorkEngine, orders: Path, tmp_path: Path
 ) -> None:

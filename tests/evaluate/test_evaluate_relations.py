@@ -18,7 +18,11 @@ from slamsim.io.text.relations import Relations, read_relations
 @needs_radish
 @pytest.mark.parametrize(
     ("name", "count", "metres", "degrees"),
-    [("aces", 1279, 0.549, 2.33), ("intel", 2984, 7.37, 39.2), ("fr079", 1685, 6.50, 30.3)],
+    [
+        ("aces", 1279, 0.549, 2.33),
+        pytest.param("intel", 2984, 7.37, 39.2, marks=pytest.mark.slow),
+        pytest.param("fr079", 1685, 6.50, 30.3, marks=pytest.mark.slow),
+    ],
 )
 def test_odometry_alone_has_its_known_error_on_real_logs(
     name: str, count: int, metres: float, degrees: float

@@ -56,7 +56,7 @@ def _small(tmp_path: Path, *more: str) -> Log:
     ("name", "scans", "beams", "step_deg", "laser_x_m", "duration_s", "odometry_error"),
     [
         ("aces", 7374, 180, 1.0, 0.0, 1366, (0.549, 2.33)),
-        ("intel", 13631, 180, 1.0, 0.0, 2691, (7.37, 39.2)),
+        pytest.param(*("intel", 13631, 180, 1.0, 0.0, 2691, (7.37, 39.2)), marks=pytest.mark.slow),
         ("fr079", 4934, 360, 0.5, -0.04, 1061, (6.50, 30.3)),
     ],
 )

@@ -156,7 +156,7 @@ def test_a_surveyed_tag_that_stands_elsewhere_is_told(
     assert told[0].startswith("tag 4 ")
 
 
-@pytest.mark.parametrize("wrong", [1, 3])
+@pytest.mark.parametrize("wrong", [1, pytest.param(3, marks=pytest.mark.slow)])
 def test_a_wrong_survey_of_one_tag_is_found_where_the_lidar_is_blind(
     driven: tuple[Simulated, SlamResult, tuple[TagObservation, ...]], wrong: int
 ) -> None:
@@ -172,7 +172,7 @@ def test_a_wrong_survey_of_one_tag_is_found_where_the_lidar_is_blind(
     assert [tag.number for tag in result.landmarks if not tag.is_surveyed] == [wrong]
 
 
-@pytest.mark.parametrize("factor", [0.8, 1.1])
+@pytest.mark.parametrize("factor", [0.8, pytest.param(1.1, marks=pytest.mark.slow)])
 def test_a_wrong_size_of_the_tags_is_told_where_the_lidar_is_blind(
     driven: tuple[Simulated, SlamResult, tuple[TagObservation, ...]], factor: float
 ) -> None:

@@ -60,7 +60,10 @@ def test_the_lens_is_taken_out(model: CameraModel) -> None:
         assert np.abs(step[:3]).max() < 0.01
 
 
-@pytest.mark.parametrize("model", [LENS, FISHEYE], ids=["brown", "fisheye"])
+@pytest.mark.parametrize(
+    "model",
+    [pytest.param(LENS, id="brown", marks=pytest.mark.slow), pytest.param(FISHEYE, id="fisheye")],
+)
 def test_edges_of_large_tags_are_looked_for_where_the_lens_bends_them(model: CameraModel) -> None:
     """Their middles lie up to two pixels beside the straight line from corner to corner."""
     off_px, nees = [], []
@@ -158,8 +161,15 @@ def test_edges_are_where_the_light_is_half_way() -> None:
     assert abs(np.mean(linear)) < 0.001
 
 
-@pytest.mark.parametrize("is_colour", [True, False], ids=["colour", "grey"])
-@pytest.mark.parametrize("codes", [True, False], ids=["coded", "as light"])
+@pytest.mark.parametrize(
+    ("codes", "is_colour"),
+    [
+        pytest.param(True, True, id="coded-colour"),
+        pytest.param(False, False, id="as light-grey"),
+        pytest.param(True, False, id="coded-grey", marks=pytest.mark.slow),
+        pytest.param(False, True, id="as light-colour", marks=pytest.mark.slow),
+    ],
+)
 def test_edges_tell_whether_pixels_are_light(codes: bool, is_colour: bool) -> None:
     """Colours that are not coded, as simulators draw them, and grey images that are."""
     detector, found = TagDetector(KIND, PINHOLE), []

@@ -65,8 +65,9 @@ def test_a_part_that_is_matched_changes_nothing(name: Literal["line", "kiss"]) -
         assert tried.match_part(part, np.zeros(3), PRIOR) is not None
         found, again = (one.match(cloud, np.zeros(3), PRIOR) for one in (plain, tried))
         assert found is not None and again is not None
-        np.testing.assert_array_equal(found.T_map_base, again.T_map_base)
-        np.testing.assert_array_equal(found.information, again.information)
+        # to rounding: KISS-ICP adds up in parallel, in whatever order its threads come
+        np.testing.assert_allclose(found.T_map_base, again.T_map_base, rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(found.information, again.information, rtol=1e-9)
 
 
 @BOTH
