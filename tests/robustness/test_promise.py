@@ -22,7 +22,7 @@ JOBS = 2
 
 
 @pytest.mark.parametrize(
-    "seeds", [range(8, 12), pytest.param(range(40), marks=pytest.mark.slow)], ids=str
+    "seeds", [range(8, 16), pytest.param(range(40), marks=pytest.mark.slow)], ids=str
 )
 def test_commands_at_random_change_nothing_that_is_not_theirs(seeds: range) -> None:
     require_watching()
