@@ -11,13 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.check.calibration.model import (
-    CLOCKS,
-    PRIOR_SIGMAS,
-    ROWS,
-    TURN_GAIN,
-    Model,
-)
+from slamsim.check.calibration.model import CLOCKS, PRIOR_SIGMAS, ROWS, TURN_GAIN, Model
 from slamsim.check.calibration.noise import (
     Pieces,
     blocks,

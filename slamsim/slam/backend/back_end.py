@@ -292,11 +292,10 @@ class BackEnd:
         Then a closure that finds them elsewhere was misled by a place that looks alike, and all of
         the run has to say otherwise, see ``_settle``.
         """
-        count, parts = len(self.keyframes), self._solution.parts
-        for begin in parts.doubted_between(0, count):
-            seen = count - begin == AFTERWARDS
-            if seen and follows_on(self._around, self.keyframes, begin, self._config.submaps):
-                parts.follow(begin)
+        begin, parts = len(self.keyframes) - AFTERWARDS, self._solution.parts
+        doubted = parts.doubted_between(begin - 1, begin)
+        if doubted and follows_on(self._around, self.keyframes, begin, self._config.submaps):
+            parts.follow(begin)
 
     def _close_what_is_open(self, progress: Progress) -> None:
         """Search and solve in turn, until no more is found."""

@@ -231,8 +231,8 @@ class ClosureSearch:
     def _looks_alike(self, edge: GraphEdge) -> bool:
         """Whether a closure finds the robot elsewhere past doubts none of which is left: what was
         seen after them follows on what was seen before."""
-        doubted = self._solution.parts.open_between(edge.source, edge.target)
-        return bool(doubted) and not self._solution.may_be(edge)
+        undecided = self._solution.parts.open_between(edge.source, edge.target)
+        return bool(undecided) and not self._solution.may_be(edge)
 
     def _path_m(self, index: int) -> float:
         return self._cutter.keyframes[index].path_m

@@ -313,8 +313,8 @@ def _window(reader: BeamReader, track: LaserTrack, fit: WindowFit, unit: float) 
 
 def _path_by_offset(fits: list[WindowFit]) -> float:
     """What a shorter range makes of the way from scan to scan: its share per metre, each step
-    weighed as it is known. Where a wall is all that is seen, an offset moves the laser along it by
-    any length, and nobody takes that for a path."""
+    weighed as it is known. Where a single wall is all that is seen, an offset moves the laser along
+    it by any length, and that is no path."""
     grown = squared = 0.0
     for fit in fits:
         T_first_second = between(fit.poses[:-1], fit.poses[1:])
