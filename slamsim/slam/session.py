@@ -31,7 +31,7 @@ from slamsim.slam.frontend.tracking import Status, Step, Tracked
 from slamsim.slam.landmarks.graph import as_known, held_by_tags
 from slamsim.slam.laser.estimate import laser_of
 from slamsim.slam.mapping.assembly import assemble, odometry_alone
-from slamsim.slam.mapping.look_alike import ambiguous_steps
+from slamsim.slam.mapping.look_alike import ambiguous_steps, unchecked_holds
 from slamsim.slam.mapping.saved_map import SavedMap, settled
 from slamsim.slam.online.anchors import Anchors
 from slamsim.slam.online.async_back_end import AsyncBackEnd
@@ -143,10 +143,11 @@ class SlamSession:
         with solving("the whole map"):
             outcome = self._keeper.finish(progress)
             self._solved = outcome.graph
+            steps, lost = self._front_end.sudden_steps, self._front_end.lost_holds
             torn: tuple[Event, ...] = ()
-            if steps := self._front_end.sudden_steps:
-                keyframes, graph = self._keeper.keyframes(), outcome.graph
-                torn = ambiguous_steps(steps, keyframes, graph, self._first, self._config)
+            if steps or lost:
+                drive = self._keeper.keyframes(), outcome.graph, self._first, self._config
+                torn = ambiguous_steps(steps, *drive) + unchecked_holds(lost, *drive)
             result, self._information = assemble(
                 self._track, self._front_end, outcome, self._first, self._seconds, torn
             )

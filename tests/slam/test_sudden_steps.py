@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from slamsim.config.back_end import BackEndConfig
-from slamsim.core.geometry import compose, inverse, transform_points
-from slamsim.core.result import Event, MapGraph
+from slamsim.core.geometry import between, compose, inverse, transform_points
+from slamsim.core.result import Event, GraphEdge, MapGraph
 from slamsim.core.types import FloatArray, PlanarPoses
 from slamsim.models.wheel_gyro import PARAMETERS
 from slamsim.slam.frontend.keyframes import Keyframe
 from slamsim.slam.frontend.prediction import Prediction
 from slamsim.slam.frontend.preintegration import OdometryStep
 from slamsim.slam.frontend.sudden_steps import SUDDEN_SIGMAS, SuddenSteps
-from slamsim.slam.mapping.look_alike import ambiguous_steps
+from slamsim.slam.mapping.look_alike import ambiguous_steps, unchecked_holds
 from slamsim.slam.matching import Match
 from slamsim.slam.matching.surfaces import PIECE_FIELDS, X, Y
 
@@ -156,3 +156,35 @@ def test_odometry_that_steps_where_places_differ_is_not_believed_where_they_are_
     together = ambiguous_steps([early, late], keyframes, graph, 0, BackEndConfig())
 
     assert both == [(early,), ()] and together == ()
+
+
+LOST = Event((CARRIED - 1) * TICK_NS, CARRIED * TICK_NS, "torn", "what held the scans is gone")
+
+
+def test_a_lost_hold_is_told_only_where_places_look_alike() -> None:
+    for nooks_m, is_told in (([], True), (ONE_SIDE, False)):
+        keyframes, graph = drive(nooks_m)
+        found = unchecked_holds([LOST], keyframes, graph, 0, BackEndConfig())
+        assert found == ((LOST,) if is_told else ())
+
+
+@pytest.mark.parametrize(
+    ("sigmas_m", "is_told"),
+    [
+        pytest.param((0.02, 0.02), False, id="the loop holds every direction"),
+        pytest.param((5.0, 0.02), True, id="the loop slides along the corridor"),
+    ],
+)
+def test_a_lost_hold_is_not_told_if_a_loop_agrees(
+    sigmas_m: tuple[float, float], is_told: bool
+) -> None:
+    keyframes, graph = drive([])
+    source, target = CARRIED - 5, CARRIED + 5
+    step = between(graph.keyframes.poses[source], graph.keyframes.poses[target])
+    covariance = np.diag(np.square([*sigmas_m, 0.01]))
+    loop = GraphEdge(source, target, step, covariance, "closure")
+    looped = replace(graph, edges=(loop,))
+
+    found = unchecked_holds([LOST], keyframes, looped, 0, BackEndConfig())
+
+    assert found == ((LOST,) if is_told else ())

@@ -13,6 +13,7 @@ from slamsim.guard.quantities import as_count
 from slamsim.slam.calibration.solve import Solved
 from slamsim.slam.event_monitor import EventMonitor, TrackingState
 from slamsim.slam.frontend.deskew import MAX_TILT_RAD, deskew, tilt_of
+from slamsim.slam.frontend.lost_holds import LostHolds
 from slamsim.slam.frontend.match_selection import MatchSelector
 from slamsim.slam.frontend.motion import Odometry
 from slamsim.slam.frontend.prediction import Prediction, Predictor
@@ -59,7 +60,7 @@ class FrontEnd:
         self._selector = MatchSelector(config.matching.min_inlier_ratio)
         self._monitor = EventMonitor()
         self._window = ScanWindow()
-        self._sudden = SuddenSteps()
+        self._sudden, self._holds = SuddenSteps(), LostHolds()
         self._last_match: Match | None = None
         self._held_back = 0
         self.breaks_ns: list[int] = []
@@ -70,6 +71,8 @@ class FrontEnd:
         """Scans that fitted nowhere and were placed by the motion alone."""
         self.sudden_steps: list[Event] = []
         """Steps of the scans that no robot makes: to be told where places look alike."""
+        self.lost_holds: list[Event] = []
+        """Where what held the scans was gone all of a sudden: to be told unless loops agree."""
         self.restarts = 0
         """Times the local map was begun anew, the robot being lost."""
 
@@ -128,6 +131,8 @@ class FrontEnd:
 
         if match is not None:
             self._look_for_sudden_step(prediction, match)
+            if (lost := self._holds.see(cloud, match)) is not None:
+                self.lost_holds.append(lost)
 
         T_map_base = self._predictor.update(prediction, match)
 

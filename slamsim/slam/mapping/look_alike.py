@@ -1,5 +1,5 @@
-"""Sudden steps of the scans at places that look like others: there the robot may have been
-carried, and neither scans nor loops would tell."""
+"""Sudden steps of the scans, and what held them gone all of a sudden, at places that look like
+others: there the robot may have been carried, and neither scans nor loops would tell."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from slamsim.slam.closures.relocalise import Everywhere
 from slamsim.slam.closures.submaps import SIGMA_M
 from slamsim.slam.closures.whole_part import LEAST_PIECES, LEAST_SCORE, MOST_PIECES, SURE_NATS
 from slamsim.slam.frontend.keyframes import Keyframe
+from slamsim.slam.mapping.joints import closures_agree
 from slamsim.slam.matching.surfaces import X, Y
 
 SEEN_AFTER_M = 3.0
@@ -41,14 +42,39 @@ def ambiguous_steps(
     """
     told = []
     for step in steps:
-        later = (k.index for k in keyframes[first:] if k.stamp_ns >= step.end_ns)
-        number = next(later, None)
-        if not number:
+        if not (number := _next(step, keyframes, first)):
             continue
         if not _is_ambiguous(number, keyframes, graph.keyframes.poses, config):
             return ()
         told.append(step)
     return tuple(told)
+
+
+def unchecked_holds(
+    lost: Iterable[Event],
+    keyframes: Sequence[Keyframe],
+    graph: MapGraph,
+    first: int,
+    config: BackEndConfig,
+) -> tuple[Event, ...]:
+    """Those of the places where what held the scans was gone after which the robot was elsewhere as
+    likely as where the map has it, and no loop tells otherwise.
+
+    keyframes, first: as for ``ambiguous_steps``.
+    """
+    poses = graph.keyframes.poses
+    return tuple(
+        event
+        for event in lost
+        if (number := _next(event, keyframes, first))
+        and not closures_agree(graph, number)
+        and _is_ambiguous(number, keyframes, poses, config)
+    )
+
+
+def _next(event: Event, keyframes: Sequence[Keyframe], first: int) -> int | None:
+    """Number of the first key frame of a drive that was taken after an event."""
+    return next((k.index for k in keyframes[first:] if k.stamp_ns >= event.end_ns), None)
 
 
 def _is_ambiguous(
