@@ -185,7 +185,7 @@ def bench(
 
         first = FIRST_SEED if seed is None else seed
         drives, more = range(first, first + seeds), range(first + seeds, first + seeds + clean)
-        reporter.result(run_camera_check(drives, more, seconds, reporter))
+        reporter.result(run_camera_check(drives, more, seconds, logs, reporter))
     elif part == "check":
         from slamsim.bench.check.asked import CheckAsked, run_check
 

@@ -2,10 +2,24 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import Any
+
+import pytest
+
 from slamsim.bench.cameras.command import flow_error_px
-from slamsim.bench.cameras.faults import FAULTS, CameraTrial, faults_of, summary
+from slamsim.bench.cameras.faults import (
+    FAULTS,
+    CameraTrial,
+    faults_of,
+    run_camera_check,
+    summary,
+)
 from slamsim.bench.cameras.halls import TAGS, ate_m, hall, mapped
+from slamsim.bench.logs import Children
+from slamsim.console.reporter import Reporter
 from slamsim.core.landmarks import NO_TAGS
+from slamsim.guard.errors import InputRefused
 from slamsim.sensors.faults.registry import load_fault
 
 
@@ -43,3 +57,25 @@ def test_a_fault_with_something_false_beside_it_is_not_named() -> None:
         "camera_clean": 2,
         "camera_false_alarms": 1,
     }
+
+
+@pytest.mark.usefixtures("drives_here")
+def test_a_drive_whose_log_is_kept_is_not_rendered_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rendered = []
+
+    class Here(Children):
+        """In this process, which has loaded its libraries."""
+
+        def run(self, work: Any, *arguments: Any, **keywords: Any) -> Any:
+            rendered.append(arguments[1])
+            return work(*arguments, **keywords)
+
+    monkeypatch.setattr("slamsim.bench.cameras.faults.Children", Here)
+    quiet = Reporter(quiet=True)
+    first, again = (run_camera_check((), (4,), 5.0, tmp_path, quiet) for _ in range(2))
+    assert len(rendered) == 1 and rendered[0].is_dir()
+    assert first == again and first["camera_clean"] == 1
+    with pytest.raises(InputRefused, match=r"another drive\.route\.max_duration_s"):
+        run_camera_check((), (4,), 6.0, tmp_path, quiet)

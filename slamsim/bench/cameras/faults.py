@@ -12,18 +12,18 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from slamsim.bench.logs import Children, kept_or_temporary, simulated_log
 from slamsim.check.check import check_recording
 from slamsim.config.faults import FaultChoice
 from slamsim.config.loading import load_run_config
 from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
 from slamsim.core.randomness import random_stream
-from slamsim.guard.output import partial_folder
+from slamsim.io import LOG
 from slamsim.io.cameras.survey import read_with_cameras
 from slamsim.recording import Recording
 from slamsim.run.fixing import inject_faults
 from slamsim.sensors.faults.registry import chosen_fault, injected, load_fault
-from slamsim.simulation.simulate import simulate
 
 FAULTS: Sequence[tuple[str, float | None]] = (
     *(("camera_late", 0.05), ("camera_late", 0.1), ("camera_late", -0.1), ("camera_late", 0.3)),
@@ -105,19 +105,24 @@ def random_scenario(seed: int, seconds: float, preset: str = "") -> CameraScenar
 
 
 def run_camera_check(
-    seeds: Sequence[int], clean_seeds: Sequence[int], seconds: float | None, reporter: Reporter
+    seeds: Sequence[int],
+    clean_seeds: Sequence[int],
+    seconds: float | None,
+    kept: Path | None,
+    reporter: Reporter,
 ) -> dict[str, object]:
     """Shares and false alarms over all of them, each told as it is done.
 
     Of each of ``seeds`` six of the faults, turn by turn, and the healthy recording; of
-    ``clean_seeds`` the healthy one alone.
+    ``clean_seeds`` the healthy one alone. kept: folder of simulated logs, as ``simulated_log``
+    keeps and finds them; None for none that outlives its trials.
     """
     trials: list[CameraTrial] = []
     runs = [(s, faults_of(i)) for i, s in enumerate(seeds)] + [(s, ()) for s in clean_seeds]
     count = sum(1 + len(faults) for _, faults in runs)
-    with reporter.stage("cameras", "recordings") as progress:
+    with Children() as children, reporter.stage("cameras", "recordings") as progress:
         for seed, faults in runs:
-            for trial in _trials(seed, faults, seconds or SECONDS):
+            for trial in _trials(seed, faults, seconds or SECONDS, kept, children):
                 trials.append(trial)
                 reporter.say(_line(trial))
                 progress(len(trials), count)
@@ -146,14 +151,20 @@ def summary(trials: Sequence[CameraTrial]) -> dict[str, object]:
 
 
 def _trials(
-    seed: int, faults: Sequence[tuple[str, float | None]], seconds: float
+    seed: int,
+    faults: Sequence[tuple[str, float | None]],
+    seconds: float,
+    kept: Path | None,
+    children: Children,
 ) -> Iterator[CameraTrial]:
     needs_oak = any(each in _OF_OAK_D for each in faults)
     scenario = random_scenario(seed, seconds, "oak_d" if needs_oak else "")
-    with TemporaryDirectory(prefix="slamsim-cameras-") as folder:
-        log = Path(folder) / "log"
-        with partial_folder(log, False) as partial:
-            simulate(scenario.config, partial)
+    with (
+        kept_or_temporary(kept) as logs,
+        TemporaryDirectory(prefix="slamsim-cameras-") as folder,
+    ):
+        # By camera, since a seed whose faults need an OAK-D drives with one in place of its own.
+        log = simulated_log(scenario.config, logs / scenario.preset, children) / LOG
         recording = read_with_cameras(log)
         yield _checked(scenario, recording, "", None)
         for number, (name, size) in enumerate(faults):
