@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, zoom
 
+from slamsim.cameras.align import DepthAlignment
+from slamsim.cameras.depth_model import correlated_noise
 from slamsim.cameras.frames import CameraClaim
 from slamsim.cameras.lens import pinhole
 from slamsim.cameras.survey import CameraSurvey
@@ -28,8 +31,11 @@ from slamsim.check.questions.cameras.place import before_the_axle_m, check_place
 from slamsim.check.questions.cameras.shutter import check_shutter
 from slamsim.check.questions.cameras.stereo import check_stereo
 from slamsim.check.questions.cameras.tilt import check_tilt
+from slamsim.config.faults import FaultChoice
+from slamsim.config.loading import load_run_config
 from slamsim.core.geometry import matrix_from_rpy, se3_from_parts, xyzw_from_matrix, xyzw_from_yaw
 from slamsim.core.types import FloatArray, IntArray
+from slamsim.io.cameras.survey import read_with_cameras
 from slamsim.recording import (
     RawImu,
     RawOdometry,
@@ -39,6 +45,8 @@ from slamsim.recording import (
     TransformEdge,
 )
 from slamsim.recording.repairs.apply import apply_repairs
+from slamsim.sensors.faults.registry import chosen_fault, injected
+from slamsim.simulation.simulate import simulate
 
 R_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 ROOM_M = np.array([[-2.0, 3.5], [-1.5, 2.5]])
@@ -282,6 +290,73 @@ def test_one_fit_tells_place_scale_focal_length_and_delay(
     assert T_true[0, 3] == pytest.approx(0.1 + place[0])
 
 
+@pytest.mark.usefixtures("drives_here")
+def test_a_camera_far_from_its_claimed_place_is_not_taken_for_one_of_other_sizes(
+    tmp_path: Path,
+) -> None:
+    """Between walls a metre away, nearer to them is nearly as if depths and focal length were
+    wrong: 25 rounds of the fit found 86 of 200 mm, and depths 4 % too short."""
+    lens = "{width: 80, height: 60, horizontal_fov_deg: 87}"
+    depth = f"{{kind: depth, encoding: png, lens: {lens}, depth: {{is_exact: true}}}}"
+    about = "rate_hz: 4, mount: {x_m: 0.1, z_m: 0.3, yaw_deg: 10}"
+    camera = f"{{type: camera, name: cam, {about}, imagers: {{depth: {depth}}}}}"
+    overrides = ["drive.route.max_duration_s=15.0", f"sensors.additional=[{camera}]"]
+    simulate(load_run_config("labyrinth", None, overrides, 3), tmp_path / "log")
+    healthy = read_with_cameras(tmp_path / "log")
+    for by_m in (0.0, 0.2, -0.2):
+        moved = chosen_fault(FaultChoice(name="camera_moved", size=by_m))
+        recording = injected(healthy, [moved], 1)
+        evidence, (camera_there,) = RecordingEvidence(recording), recording.cameras
+        places = [
+            evidence.frames.between(evidence.base, frame)
+            for frame in (camera_there.frame_id, recording.scans[0].frame_ids[0])
+        ]
+        assert places[0] is not None and places[1] is not None
+        fit = fit_slices(recording, camera_there, recording.scans[0], places[0], places[1])
+        assert fit is not None
+        found = dict(zip(NAMES, fit.values, strict=True))
+        assert found["x_m"] == pytest.approx(by_m, abs=5e-3)
+        assert abs(found["scale"]) < 3e-3 and abs(found["focal"]) < 3e-3
+
+
+@cache
+def registered_depths() -> Claimed:
+    """Noisy depth images in the pixels of a camera beside, and where that is."""
+    model, wide_m, noise_px, baseline_m = pinhole(640, 80, 80.0), 0.06, 0.065, 0.05
+    stamps_ns = np.arange(50_000_000, round((SECONDS - 0.5) * 1e9), IMAGE_NS, dtype=np.int64)
+    T_base_depth = se3_from_parts(R_OPTICAL, np.array([0.1, 0.0, CAMERA_HEIGHT_M]))
+    T_base_camera = se3_from_parts(R_OPTICAL, np.array([0.1, wide_m, CAMERA_HEIGHT_M]))
+    alignment = DepthAlignment(model, model, np.linalg.inv(T_base_camera) @ T_base_depth)
+    azimuths = -np.arctan2(*model.rays()[:640, [0, 2]].T)
+    rng, step = np.random.default_rng(5), 8
+    grids = []
+    for x_m, y_m, yaw in poses(stamps_ns).tolist():
+        origin = np.array([x_m + 0.1 * np.cos(yaw), y_m + 0.1 * np.sin(yaw)])
+        flat_m = distances(np.tile(origin, (640, 1)), yaw + azimuths) * np.cos(azimuths)
+        disparity_px = model.focal_px[0] * baseline_m / np.tile(flat_m, (80, 1))
+        noisy_px = disparity_px + noise_px * correlated_noise(disparity_px.shape, 5, rng)
+        depths_mm = np.rint(1e3 * model.focal_px[0] * baseline_m / noisy_px).astype(np.uint16)
+        aligned = alignment.aligned(depths_mm)[step // 2 :: step, step // 2 :: step]
+        grids.append(np.where(aligned > 0, 1e-3 * aligned, np.nan))
+    grids_m = np.array(grids, dtype=np.float32)
+    return survey("depth", stamps_ns, model, grids_m=grids_m, grid_px=step), T_base_camera
+
+
+@pytest.mark.parametrize(("factor", "verdict"), [(1.0, "ok"), (1.05, "fault"), (0.95, "fault")])
+def test_depths_in_the_pixels_of_another_camera_are_as_long_as_ranges_or_not(
+    factor: float, verdict: str
+) -> None:
+    """The nearest of several in a pixel is kept: they are 1 % too short where nothing is wrong."""
+    healthy, T = registered_depths()
+    depth = replace(healthy, grids_m=(factor * healthy.grids_m).astype(np.float32))
+    beside = replace(depth, topic="/colour", kind="colour", grids_m=np.zeros((0, 0, 0), np.float32))
+    whole = replace(with_mount(depth, T), cameras=(depth, beside))
+    found = {one.check: one for one in check_place(RecordingEvidence(whole))}
+    scale = found.pop("camera.depth_scale")
+    assert scale.verdict == verdict, scale.words
+    assert not [one for one in found.values() if one.fault]
+
+
 def test_a_depth_camera_on_its_side_is_measured_like_one_that_stands() -> None:
     """With noise of its depths, by which alone rows would cross the height of the lidar."""
     depth, T = seen_from(0.1, 0.0, 0.0, 1.0, 0.0)
@@ -309,6 +384,15 @@ def test_images_without_walls_at_that_height_tell_nothing() -> None:
     assert fit_slices(told, depth, told.scans[0], T, T_base_laser) is None
     nowhere = replace(told, streams=told.scans)
     assert fit_slices(nowhere, depth, told.scans[0], T, T_base_laser) is None
+
+
+def test_a_camera_info_of_another_size_tells_nothing_of_the_place() -> None:
+    depth, T = seen_from(0.1, 0.0, 0.0, 1.0, 0.0)
+    assert depth.claim is not None
+    halved = replace(depth, claim=replace(depth.claim, width=WIDTH // 2, height=HEIGHT // 2))
+    found = list(check_place(RecordingEvidence(with_mount(halved, T))))
+    assert {one.verdict for one in found} == {"inconclusive"}
+    assert all("another size" in one.words for one in found)
 
 
 def test_depths_in_another_unit_tell_nothing() -> None:
