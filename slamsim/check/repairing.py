@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 from slamsim.check.findings import CheckReport, Verdict
 from slamsim.check.map_quality.beam_ends import TOLERANCE_M, BeamEnds, Change, beam_ends, change
+from slamsim.check.wording import signed_words
 from slamsim.guard.errors import SlamsimError
 from slamsim.recording import Recording
 from slamsim.recording.repairs.apply import (
@@ -222,4 +223,5 @@ def _answered(report: CheckReport, verdict: Verdict) -> set[tuple[str, str]]:
 def _in_words(moved: Change, before: BeamEnds) -> str:
     if before.mean_m is None:
         return "and nothing places them"
-    return f"{1e3 * before.mean_m:.1f} mm apart before, {1e3 * moved.mean_m:+.1f} mm with it"
+    with_it = signed_words(1e3 * moved.mean_m, "mm", "more", "less", 1)
+    return f"{1e3 * before.mean_m:.1f} mm apart before, {with_it} with it"

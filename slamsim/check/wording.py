@@ -49,11 +49,17 @@ def shown(estimate: Measurement | None, limit: float | None = None) -> str:
     return text if limit is None else f"{text} (limit {limit:.3g})"
 
 
-def signed_words(value: float, unit: str, more: str, less: str) -> str:
+def signed_words(value: float, unit: str, more: str, less: str, places: int | None = None) -> str:
     """A size with its sign in words: -40.2 mm that are "too long" if positive and "too short" if
-    negative are "40.2 mm too short"."""
-    size = abs(value) if abs(value) > _ROUNDING else 0.0
-    return f"{as_number(size, 3)} {unit} {more if value > 0.0 else less}"
+    negative are "40.2 mm too short".
+
+    places: so many digits behind the point, else three significant ones. Nothing is "0 mm too
+    long", from whichever side it was rounded.
+    """
+    size = value if places is None else round(value, places)
+    if abs(size) <= _ROUNDING:
+        return f"0 {unit} {more}"
+    return f"{as_number(abs(size), 3)} {unit} {more if size > 0.0 else less}"
 
 
 def warning(finding: Finding) -> str:

@@ -58,6 +58,8 @@ def test_the_headline_names_the_fault_or_says_that_there_is_none() -> None:
 def test_a_size_is_told_without_a_sign() -> None:
     words = [signed_words(value, "mm", "too long", "too short") for value in (-40.21, 40.21)]
     assert words == ["40.2 mm too short", "40.2 mm too long"]
+    for nothing in (0.0, -0.0, -0.04, 0.04):
+        assert signed_words(nothing, "%", "too long", "too short", 1) == "0 % too long"
 
 
 def test_sentences_wrap_and_each_cell_says_its_column_on_a_narrow_screen() -> None:

@@ -26,6 +26,7 @@ from slamsim.check.motion.image_turns import (
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
 from slamsim.check.questions.cameras.intrinsics import CAMERA_INTRINSICS
 from slamsim.check.questions.cameras.tilt import CAMERA_MOUNT, as_tilted, seen_beside
+from slamsim.check.wording import signed_words
 from slamsim.core.types import FloatArray
 from slamsim.guard.numbers import BadNumbers
 from slamsim.recording.choice import lidars
@@ -185,7 +186,8 @@ def _turns(evidence: RecordingEvidence, camera: CameraSurvey, fit: TurnFit) -> I
     yield judge(
         OFFSET,
         camera.topic,
-        f"its stamps are off by {delay.value:+.0f} ms, by turns in {fit.pairs} pairs of images",
+        f"its stamps are {signed_words(delay.value, 'ms', 'late', 'early', 0)}, by turns in "
+        f"{fit.pairs} pairs of images",
         delay,
         limit=_LIMIT_BY_TURNS_MS,
         advice="Stamp images when they are exposed, by the clock of the other sensors.",
@@ -201,7 +203,7 @@ def _turns(evidence: RecordingEvidence, camera: CameraSurvey, fit: TurnFit) -> I
     yield judge(
         TURNS,
         camera.topic,
-        f"images turn {100.0 * gain:+.0f} % farther than the robot",
+        f"images turn {signed_words(100.0 * gain, '%', 'farther', 'less far', 0)} than the robot",
         Measurement(100.0 * gain, 100.0 * sigma, "%"),
         advice="Calibrate the camera at the size and mode in which it records.",
     )
@@ -244,12 +246,14 @@ def _mount(evidence: RecordingEvidence, depth: CameraSurvey, fit: SliceFit) -> I
     assert T_base_camera is not None
     repair = Repair("set_mounting", depth.frame_id, _mounted(evidence.base, T_base_camera, fit))
     yaw = _measured(fit, "yaw_rad", np.degrees(1.0), "deg")
-    words = f"it looks {yaw.value:+.2f} deg to the left of where its frame says"
+    to_side = signed_words(yaw.value, "deg", "to the left", "to the right", 2)
+    words = f"it looks {to_side} of where its frame says"
     advice = "Correct the fixed transform to its frame, or the mount."
     yield judge(YAW, depth.frame_id, words, yaw, advice=advice, repairs=[repair])
     for question, axis in zip(PLACE, "xy", strict=True):
         off = _measured(fit, f"{axis}_m", 1e3, "mm")
-        words = f"it sits {off.value:+.0f} mm along {axis} of {evidence.base} from where it says"
+        along = signed_words(off.value, "mm", "forward along", "back along", 0)
+        words = f"it sits {along} {axis} of {evidence.base} from where it says"
         yield judge(question, depth.frame_id, words, off, advice=advice, repairs=[repair])
 
 
@@ -266,16 +270,18 @@ def _sizes(depth: CameraSurvey, fit: SliceFit) -> Iterator[Finding]:
     yield judge(
         SCALE,
         depth.topic,
-        f"its depths are off by {scale.value:+.1f} %, by the scans of the same walls",
+        f"its depths are {signed_words(scale.value, '%', 'too long', 'too short', 1)}, by the "
+        "scans of the same walls",
         scale,
         advice="Calibrate the depth camera, or correct the unit of its depths.",
         repairs=[Repair("scale_depths", depth.topic, {"factor": 1.0 - 0.01 * scale.value})],
     )
     focal = _measured(fit, "focal", -100.0, "%")
+    off = signed_words(focal.value, "%", "too long", "too short", 1)
     yield judge(
         FOCAL,
         depth.topic,
-        f"the claimed focal length is off by {focal.value:+.1f} %, by the scans of the same walls",
+        f"the claimed focal length is {off}, by the scans of the same walls",
         focal,
         advice="Calibrate the camera at the size and mode in which it records.",
         repairs=[Repair("scale_focal", depth.topic, {"factor": 1.0 - 0.01 * focal.value})],
@@ -284,7 +290,8 @@ def _sizes(depth: CameraSurvey, fit: SliceFit) -> Iterator[Finding]:
     yield judge(
         OFFSET,
         depth.topic,
-        f"its stamps are off by {delay.value:+.1f} ms, by the scans of the same walls",
+        f"its stamps are {signed_words(delay.value, 'ms', 'late', 'early', 1)}, by the scans of "
+        "the same walls",
         delay,
         advice="Stamp images when they are exposed, by the clock of the other sensors.",
         repairs=[Repair("shift_stamps", depth.topic, {"offset_s": -1e-3 * delay.value})],

@@ -16,6 +16,7 @@ from slamsim.check.questions.cameras.place import (
     before_the_axle_m,
     turn_fit,
 )
+from slamsim.check.wording import signed_words
 from slamsim.core.types import FloatArray
 from slamsim.recording.repairs.base import Repair
 
@@ -76,7 +77,8 @@ def _asked(evidence: RecordingEvidence, camera: CameraSurvey) -> Finding:
     if claimed_s is not None:
         told = f"{1e3 * claimed_s:.1f} ms are told"
     told_by_fix = evidence.recording.format != "rosbag1"  # which has no custom data
-    measured = f"its rows are exposed within {1e3 * readout_s:+.1f} ms, and {told}"
+    readout = signed_words(1e3 * readout_s, "ms", "from the top down", "from the foot up", 1)
+    measured = f"its rows are exposed within {readout}, and {told}"
     return judge(
         SHUTTER,
         camera.topic,
