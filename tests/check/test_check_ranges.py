@@ -148,6 +148,29 @@ def test_each_fault_is_named_and_nothing_else(ranges: Float32Array, fault: str) 
     assert all(finding.words for finding in findings)
 
 
+@pytest.mark.parametrize("period_m", [2.048, 2.5, 3.0])
+def test_ranges_of_too_few_bits_are_told_with_where_they_begin_anew(period_m: float) -> None:
+    ranges = room()
+    seen = np.isfinite(ranges)
+    ranges[seen] %= np.float32(period_m)
+    finding = wrapped_finding(ranges)
+    assert finding.fault == "ranges_wrapped"
+    assert finding.plots[0].limits[0] == pytest.approx(period_m, abs=0.01)
+
+
+def test_a_number_near_zero_for_what_is_too_far_is_no_overflow() -> None:
+    """Beside walls that are as far as the lidar sees: both ends of each fit a line by accident."""
+    ranges = room()
+    assert wrapped_finding(np.where(ranges > 2.5, np.float32(0.001), ranges)).verdict == "ok"
+
+
+def wrapped_finding(ranges_m: Float32Array) -> Finding:
+    findings = explained(range_findings(recorded(ranges_m)))
+    found = next(one for one in findings if one.check == "ranges.wrapped")
+    assert found.verdict == "ok" or bad(list(findings)) == ["ranges_wrapped"]
+    return found
+
+
 @pytest.mark.parametrize(
     ("layout", "fault"),
     [

@@ -298,7 +298,13 @@ OF_LASERS = [
         "laser_yaw beam_time_scale scan_time scan_layout",
         change=_every_second_beam,
     ),
-    fault("ranges_wrap_4m", "driver_laser", None, change=_wrapped_ranges, fits=_sees_far),
+    fault(
+        "ranges_wrap_4m",
+        "driver_laser",
+        "ranges_wrapped",
+        change=_wrapped_ranges,
+        fits=_sees_far,
+    ),
     fault(
         "laser_on_other_side",
         "driver_mount",

@@ -10,7 +10,7 @@ from pydantic import Field
 
 from slamsim.core.types import Float32Array
 from slamsim.recording import RawScans, Recording
-from slamsim.recording.edits.base import SCANS, Edit, Edits
+from slamsim.recording.edits.base import SCANS, CannotEdit, Edit, Edits
 from slamsim.recording.edits.beams import ExtendAngleMax, ScaleRangeLimits, SetRangeLimits
 from slamsim.recording.edits.messages import ChangeMessages
 from slamsim.recording.edits.ranges import (
@@ -59,6 +59,24 @@ class RangeOffset(Fault):
 
     def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
         return OffsetRanges(SCANS, self.offset_m)
+
+
+class RangesWrapped(Fault):
+    """Ranges are kept in too few bits: where they pass a number they begin anew at zero."""
+
+    kind: Literal["ranges_wrapped"]
+    period_m: float = Field(gt=0.0, le=1e3)
+    """The number."""
+
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        def wrapped(ranges_m: Float32Array, scans: RawScans) -> Float32Array:
+            seen = np.isfinite(ranges_m)
+            if not (ranges_m[seen] >= self.period_m).any():
+                raise CannotEdit(f"{scans.topic} reads nothing beyond {self.period_m:g} m")
+            ranges_m[seen] %= np.float32(self.period_m)
+            return ranges_m
+
+        return ChangeRanges(SCANS, wrapped)
 
 
 class RangeLimits(Fault):

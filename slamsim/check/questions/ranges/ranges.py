@@ -30,6 +30,7 @@ from slamsim.check.questions.ranges.units import (
     unit_of,
     wrong_unit,
 )
+from slamsim.check.questions.ranges.wraps import WRAPPED, check_wraps
 from slamsim.check.scan_sample import ScanSample, positive, sample_scans
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawScans, ScanLayout
@@ -80,7 +81,8 @@ LIMITS = Question(
 
 
 def check_ranges(evidence: RecordingEvidence) -> list[Finding]:
-    """Layout, unit, limits, no-return codes, stuck, constant and isolated beams of every lidar."""
+    """Layout, unit, limits, no-return codes, overflow, stuck, constant and isolated beams of every
+    lidar."""
     recording = evidence.recording
     findings: list[Finding] = []
     for scans in recording.scans:
@@ -99,6 +101,7 @@ def check_ranges(evidence: RecordingEvidence) -> list[Finding]:
         ]
         sample = without_codes(sample)
         findings += [
+            check_wraps(scans.topic, sample),
             check_rounding(scans.topic, sample),
             check_noise(scans.topic, sample),
             check_repeats(recording, scans, sample),
@@ -119,6 +122,7 @@ GROUP = QuestionGroup(
         UNIT,
         LIMITS,
         NO_RETURN,
+        WRAPPED,
         ROUNDING,
         NOISE,
         STUCK,
