@@ -62,6 +62,10 @@ class Calibration:
         place = UNKNOWNS.index(name)
         return float(np.sqrt(self.covariance[place, place]))
 
+    def given(self, name: str) -> float:
+        """The part of ``sigma`` that no fit can know, for tyres give."""
+        return float(SLIP_SIGMAS[UNKNOWNS.index(name)])
+
     @property
     def covariance(self) -> FloatArray:
         """(p, p) with what no fit can know."""
@@ -111,9 +115,10 @@ class Calibration:
     def _combined(self, by: FloatArray, onto: float) -> tuple[float, float, float]:
         sigma, bound = (
             float(np.sqrt(by @ matrix @ by))
-            for matrix in (self.covariance, self.fit.bound_covariance)
+            for matrix in (self.fit.covariance, self.fit.bound_covariance)
         )
-        return onto + float(by @ self.fit.values), max(sigma, bound), bound
+        given = float(np.linalg.norm(by * SLIP_SIGMAS))
+        return onto + float(by @ self.fit.values), float(np.hypot(max(sigma, bound), given)), bound
 
 
 def calibrate_inputs(inputs: Inputs) -> Calibration | None:

@@ -43,7 +43,8 @@ PRIOR_SIGMAS = np.array([10.0, 1.0, 1.0, 0.01, 10.0, 10.0, 1.0, 1.0, 0.01, 2.0, 
 
 SLIP_SIGMAS = np.array([0, 0, 0, 0, 3e-4, 1e-4, 0, 3e-4, 4e-6, 7e-4, 3e-4, 0])
 """Standard deviations that no data reduce, for wheels do not quite roll: tyres give when they push,
-so that the robot lags and turns about another point. Measured on the simulator's robot."""
+so that the robot turns at another instant, and about another point. Measured on the simulator's
+robot."""
 
 STEP = 1e-4
 """Of the differences that stand for derivatives."""

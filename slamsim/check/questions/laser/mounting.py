@@ -127,11 +127,12 @@ def _place(calibration: Calibration, declared: FloatArray, found: FloatArray, ax
     off_m = float(found[axis] - declared[axis])
     sides = (("forward", "back"), ("to the left", "to the right"))[axis]
     side = sides[0] if off_m > 0.0 else sides[1]
+    sigma_m, given_m = calibration.sigma(_NAMES[axis]), calibration.given(_NAMES[axis])
     return judge(
         PLACE[axis],
         calibration.inputs.laser_frame,
         f"the laser sits {1e3 * abs(off_m):.1f} mm further {side} than declared",
-        Measurement(1e3 * off_m, 1e3 * calibration.sigma(_NAMES[axis]), "mm"),
+        Measurement(1e3 * off_m, 1e3 * sigma_m, "mm", allowed=1e3 * given_m),
         advice=f"Correct {'xy'[axis]} of its transform.",
         repairs=(_repair(calibration, found),),
     )
