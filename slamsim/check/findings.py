@@ -20,11 +20,6 @@ false alarm in a thousand recordings allows each of them 1e-5 (two-sided normal:
 95 % interval alone would raise a false alarm on every other recording where sigmas are as large
 as limits."""
 
-HEALTHY_MOST = 2.0
-"""By so many of their standard deviations healthy robots are off at most: a limit is twice the
-standard deviation among them. Noise on top of that is no fault either: of 500 drives with a noisy
-lidar by a robot whose radius is off by 0.2 % five had ranges called 0.6 % too short."""
-
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
@@ -55,17 +50,18 @@ class Measurement:
 
 
 def decide(size: Measurement, limit: float, healthy: float = 0.0) -> Verdict:
-    """The one rule for every size: where its 95 % interval lies against the limit.
+    """The one rule for every size: where its 95 % interval lies against the limit, as wide as it is
+    without what limits allow for.
 
     "fault" if the interval lies beyond the limit and the size is no accident (``SURE_SIGMAS``),
     "ok" if the interval lies inside, else "inconclusive". limit: how far the size of a healthy
     recording may be from ``healthy``, in the unit of the size. What limits allow for widens the
-    interval that is told, but does not count here again: wheels 3 ms late, found 2.6 ± 0.5 late,
-    would be within a limit of 1.5 that is as wide as it is for the give of tyres, of which 0.3 is.
+    interval that is told, but does not count here again: wheels found 2.4 ms late with a sigma of
+    0.5, of which 0.3 is of tyres that give, would be inconclusive by a limit of 1.5 ms that is as
+    wide as it is for that give.
     """
     off, half = abs(size.value - healthy), 1.96 * size.scatter
-    accident = math.hypot(SURE_SIGMAS * size.scatter, HEALTHY_MOST * size.allowed)
-    if off - half > limit and off > accident:
+    if off - half > limit and off > SURE_SIGMAS * size.scatter:
         return "fault"
     return "ok" if off + half <= limit else "inconclusive"
 

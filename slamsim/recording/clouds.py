@@ -43,8 +43,9 @@ _TOGETHER_M, _TOGETHER_SHARE = 0.1, 0.03
 """Returns in one beam so close behind the nearest are of the same surface: three sigmas of either
 side for lidars of up to 17 mm, and for depth cameras of 0.5 % of the distance."""
 _NEAR_BEAMS, _STEEPEST = 2.0, 4.0
-"""Two returns so many beams apart are of one surface if it is seen at no less than 14 degrees (of
-which the tangent is a fourth); else one may be in front of the other."""
+"""Two returns so many beams apart are of one surface if it is seen at no less than some 14 degrees
+(of which the tangent is a fourth; 16 of beams 1 degree wide); else one may be in front of the
+other."""
 _GAP_RAD = math.radians(10.0)
 """Directions without any return in all clouds looked at are no part of the lidar's view."""
 
@@ -326,10 +327,11 @@ def _nearest(
 def _at_centres(
     ranges_m: NDArray[np.float32], off_rad: FloatArray, step_rad: float
 ) -> NDArray[np.float32]:
-    """(beams,) ranges of a surface at the very directions of the beams, from returns beside them:
-    half a degree off is 26 mm on a wall 3 m away that is seen at 45 degrees.
+    """(beams,) ranges of a surface at the very directions of the beams that have a return, from
+    those beside them: half a degree off is 26 mm on a wall 3 m away that is seen at 45 degrees.
 
-    off_rad: (beams,) by how much each return is farther along than its beam.
+    off_rad: (beams,) by how much each return is farther along than its beam. The first and the last
+    beam have none beside them on one side, also of a full turn, which ends when it begins anew.
     """
     there = np.flatnonzero(np.isfinite(ranges_m))
     if there.size < 2:
@@ -342,7 +344,12 @@ def _at_centres(
     apart_rad = b_rad - a_rad
     between = (a_rad <= centres_rad) & (centres_rad <= b_rad) & (apart_rad > 0.0)
     along_m = _STEEPEST * np.minimum(a_m, b_m) * apart_rad
-    joined = between & (apart_rad <= _NEAR_BEAMS * step_rad) & (np.abs(a_m - b_m) <= along_m)
+    joined = (
+        np.isfinite(ranges_m)
+        & between
+        & (apart_rad <= _NEAR_BEAMS * step_rad)
+        & (np.abs(a_m - b_m) <= along_m)
+    )
     a_rad, b_rad, a_m, b_m = a_rad[joined], b_rad[joined], a_m[joined], b_m[joined]
     at_rad = centres_rad[joined]
     # The line through both points in polar coordinates.

@@ -415,6 +415,29 @@ def test_the_delay_of_a_robot_that_stands_is_unknown(monkeypatch: pytest.MonkeyP
     assert found.sigmas[NAMES.index("yaw_rad")] < 0.01
 
 
+@pytest.mark.parametrize(
+    "pose", [(2.3, 0.2, -0.1), (0.5, 0.5, np.pi), (0.0, -0.5, -2.4)], ids=["wall", "room", "corner"]
+)
+def test_a_camera_whose_robot_stands_has_no_fault(
+    monkeypatch: pytest.MonkeyPatch, pose: tuple[float, float, float]
+) -> None:
+    """All depths shrunk to nothing, and the camera moved onto the wall, fit the scans exactly."""
+
+    def still(at_ns: IntArray) -> FloatArray:
+        return np.tile(pose, (np.size(at_ns), 1))
+
+    monkeypatch.setitem(globals(), "poses", still)
+    monkeypatch.setitem(globals(), "recording", recording.__wrapped__)
+    depth, T_claimed = seen_from.__wrapped__(0.1, 0.0, 0.0, 1.0, 0.0)
+    noise = 0.003 * np.random.default_rng(1).normal(size=depth.grids_m.shape)
+    noisy_m = (depth.grids_m * (1.0 + noise * depth.grids_m)).astype(np.float32)
+    told = with_mount(replace(depth, grids_m=noisy_m), T_claimed)
+
+    found = list(check_place(RecordingEvidence(told)))
+
+    assert found and not [finding.fault for finding in found if finding.fault]
+
+
 @pytest.mark.parametrize(("depth_m", "factors"), [(2000.0, [1e-3]), (0.002, [])])
 def test_float_depths_are_never_made_smaller_still(depth_m: float, factors: list[float]) -> None:
     depths_m = np.full((20, 3), depth_m)
@@ -596,6 +619,29 @@ def test_a_shutter_is_as_long_where_edges_are_not_smooth() -> None:
     assert found is not None
     # Pieces at the ends of an edge are still cut off: each line alone measures 17 ms.
     assert found[0] == pytest.approx(readout_s, abs=1.9e-3)
+
+
+def corridor_leans(seed: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Leans, times and turn rates of a camera with a shutter of 20 ms: images along a corridor all
+    lean the same to 0.2 degrees, those of its corner each in its own way."""
+    times_s = np.arange(0.0, 40.0, 1.0 / 7.0)
+    rates = np.where(abs(times_s - 31.0) < 2.0, 0.6, 0.0) - 0.5 * (abs(times_s - 34.0) < 1.0)
+    scatter_rad = np.deg2rad(np.where(rates == 0.0, 0.2, 0.7))
+    return 0.02 * rates + np.random.default_rng(seed).normal(0.0, scatter_rad), times_s, rates
+
+
+def test_a_corridor_does_not_make_what_its_corner_shows_wild() -> None:
+    found = [fit_readout(*corridor_leans(seed)) for seed in range(20)]
+    readouts_s, sigmas_s = np.transpose([fit for fit in found if fit is not None])
+    assert len(readouts_s) == 20
+    assert (abs(readouts_s - 0.02) < 4.5 * sigmas_s).all()
+    assert abs(readouts_s.mean() - 0.02) < 0.004
+
+
+def test_a_corner_that_leans_by_itself_is_no_shutter() -> None:
+    leans, times_s, rates = corridor_leans(0)
+    leans[abs(times_s - 31.0) < 1.5] += np.deg2rad(25.0)
+    assert fit_readout(leans, times_s, rates) is None
 
 
 def test_a_camera_that_sees_what_lies_alone_shows_no_lean() -> None:

@@ -83,7 +83,7 @@ def test_the_interval_of_a_size_decides(size: Measurement, limit: float) -> None
 
 def test_what_limits_allow_for_does_not_count_again_in_the_sigma() -> None:
     """Wheels 3 ms late, 0.4 of the sigma from tyres that give, for which the limit is so wide."""
-    late = Measurement(2.4, 0.5, "ms", allowed=0.4)
+    late = Measurement(2.4, 0.5, "ms", allowed=0.3)
     assert decide(late, 1.5) == "fault"
     assert decide(replace(late, allowed=0.0), 1.5) == "inconclusive"
     assert late.interval == replace(late, allowed=0.0).interval

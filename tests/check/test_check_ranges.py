@@ -164,6 +164,16 @@ def test_a_number_near_zero_for_what_is_too_far_is_no_overflow() -> None:
     assert wrapped_finding(np.where(ranges > 2.5, np.float32(0.001), ranges)).verdict == "ok"
 
 
+def test_one_place_that_looks_like_an_overflow_in_each_scan_of_a_robot_that_stands_is_none() -> (
+    None
+):
+    row = np.full(360, 3.0, dtype=np.float32)
+    row[100:106] = [5.97, 5.98, 5.99, 6.0, 0.01, 0.02]  # a wall that ends at something close
+    rng = np.random.default_rng(4)
+    ranges = row + rng.normal(0.0, 0.002, (60, 360)).astype(np.float32)
+    assert wrapped_finding(np.maximum(ranges, np.float32(1e-3))).verdict == "ok"
+
+
 def wrapped_finding(ranges_m: Float32Array) -> Finding:
     findings = explained(range_findings(recorded(ranges_m)))
     found = next(one for one in findings if one.check == "ranges.wrapped")

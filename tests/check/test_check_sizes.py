@@ -19,11 +19,10 @@ from slamsim.check.calibration.explanation import (
     OF_ROBOTS,
     Size,
     explain,
-    limit_of_ranges,
 )
 from slamsim.check.calibration.joint import calibrate_inputs
 from slamsim.check.calibration.noise import Pieces, pieces_of
-from slamsim.check.findings import SURE_SIGMAS, Measurement, decide
+from slamsim.check.findings import SURE_SIGMAS, decide
 from slamsim.check.motion.inputs import Inputs
 from slamsim.check.questions import changes
 from slamsim.check.questions.changes import check_changes
@@ -160,19 +159,15 @@ def _faults(gains: explanation._Gains) -> dict[Size, float]:
     return {
         size: found.value
         for size, found in told.items()
-        if found is not None and decide(found, _limit(size, found)) == "fault"
+        if found is not None and decide(found, 100.0 * LIMITS[size]) == "fault"
     }
-
-
-def _limit(size: Size, found: Measurement) -> float:
-    return limit_of_ranges(found) if size == "ranges" else 100.0 * LIMITS[size]
 
 
 def test_ranges_are_no_surer_than_the_wheels_that_measure_them() -> None:
     """With noise as the only doubt 36 of 2000 such drives with a noisy lidar had a fault."""
     rng, sigmas = np.random.default_rng(11), np.array([1.25e-3, 5.5e-4, 4.9e-4, 1.4e-4])
     told = [_faults(_gains(CREEPS + sigmas * rng.normal(size=4), sigmas)) for _ in range(500)]
-    assert sum(map(bool, told)) <= 2
+    assert sum(map(bool, told)) <= 1
 
 
 @pytest.mark.parametrize(
@@ -193,22 +188,10 @@ def test_ranges_one_per_cent_too_long_are_told_whatever_the_noise() -> None:
     assert sum("ranges" in one for one in told) > 60
 
 
-@pytest.mark.parametrize(("path_sigma", "told"), [(7e-4, {"ranges"}), (1.2e-3, set())])
-def test_ranges_half_a_per_cent_too_long_are_told_where_the_path_is_known(
-    path_sigma: float, told: set[Size]
-) -> None:
-    """Beyond what a healthy lidar and a healthy radius are off by together, 0.35 %; no wheel is
-    blamed."""
-    sigmas = np.array([path_sigma, *GOOD_LIDAR[1:]])
-    gains = _gains(0.005 * EFFECTS["ranges"], sigmas)
-    assert set(explanation._fewest(gains)) == told == _faults(gains).keys()
-
-
-def test_no_healthy_lidar_on_a_healthy_robot_has_ranges_too_long() -> None:
-    """Each of both off by up to its limit, as far as a pair of them goes in one of 500."""
-    rng, edge = np.random.default_rng(13), 0.00125 * (EFFECTS["ranges"] - EFFECTS["radius"])
-    told = [_faults(_gains(edge + GOOD_LIDAR * rng.normal(size=4), GOOD_LIDAR)) for _ in range(200)]
-    assert not any(told)
+def test_ranges_half_a_per_cent_too_long_may_as_well_be_wheels() -> None:
+    """Four standard deviations of a healthy radius: nothing is told, and no wheel is blamed."""
+    gains = _gains(0.005 * EFFECTS["ranges"], GOOD_LIDAR)
+    assert explanation._fewest(gains) == ("ranges",) and not _faults(gains)
 
 
 @settings(max_examples=20, deadline=None)

@@ -241,22 +241,14 @@ def _told(gains: _Gains, size: Size, wrong: tuple[Size, ...]) -> Measurement | N
     """As ``_size``, and as unsure as sizes make it which differ from nothing on healthy robots too.
 
     Those of a robot are measured by scans, and turns tell a radius by the track. Ranges are
-    measured by wheels, and are no surer than their radius, for which ``limit_of_ranges`` allows.
+    measured by wheels, and are no surer than their radius: the simulator's robot rolls 0.20 % less
+    than its wheels count, whatever its lidar (16 drives against the truth), and has its ranges
+    called 0.27 % too short for it. Noise upon that made a fault of it in one of 14 short drives.
     """
     if size == "scan_turns":  # by their own shape
         return _size(gains, size, wrong)
     others = gains.covariance(other for other in OF_ROBOTS if other not in {*wrong, size})
-    allowed = others - gains.noise if size == "ranges" else None
-    return _measured(gains, size, wrong, others, others, allowed)
-
-
-def limit_of_ranges(too_long: Measurement) -> float:
-    """By how many per cent ranges of a healthy lidar may seem too long on a healthy robot.
-
-    Both differ from nothing, and in squares, for neither knows of the other: 0.25 % each are
-    0.35 %. With what the wheels may be off by in the sigma instead, they would have to add up.
-    """
-    return float(np.hypot(100.0 * LIMITS["ranges"], too_long.allowed / HEALTHY_SHARE))
+    return _measured(gains, size, wrong, others, others)
 
 
 def _measured(
@@ -265,20 +257,15 @@ def _measured(
     wrong: tuple[Size, ...],
     weighed_by: FloatArray,
     noise: FloatArray,
-    allowed: FloatArray | None = None,
 ) -> Measurement | None:
-    """weighed_by, noise: (k, k) covariances of the gains for the value and for its sigma. allowed:
-    (k, k) the part of the noise that the limit allows for."""
+    """weighed_by, noise: (k, k) covariances of the gains for the value and for its sigma."""
     chosen = wrong if size in wrong else (*wrong, size)
     if not _told_apart(gains, chosen):
         return None
     solver = gains.solver(chosen, weighed_by)[chosen.index(size)]
     factor = float(np.exp(solver @ gains.seen))
     sigma = float(np.sqrt(solver @ noise @ solver))
-    healthy = 0.0 if allowed is None else float(np.sqrt(solver @ allowed @ solver))
-    return Measurement(
-        100.0 * (factor - 1.0), 100.0 * factor * sigma, "%", allowed=100.0 * factor * healthy
-    )
+    return Measurement(100.0 * (factor - 1.0), 100.0 * factor * sigma, "%")
 
 
 def _misfit(gains: _Gains, wrong: tuple[Size, ...]) -> float:

@@ -52,9 +52,12 @@ _KNOWN = np.concatenate([_UNTOLD, np.square([1.0 / 0.3, 1.0 / 0.3])])
 ``NAMES``: how far depths in the pixels of another camera are pulled nearer, where of several that
 meet in a pixel the nearest is kept. On a wall that is seen aslant, half a pixel to its nearer side
 where each depth fills a patch (``align`` of librealsense), nothing where it fills a point. By noise
-of disparity, which neighbouring pixels have in common but for a third, the nearest of two to four
-is nearer by 0.25 to 0.5 sigma: a pixel's angle times distance squared, 0.15 to 0.8 times a metre
-(sigmas of 0.05 to 0.1 pixels over 5 to 10 cm, data sheets), nothing of time of flight."""
+of disparity, most of which neighbouring pixels have in common, the nearest of two to four is nearer
+by 0.25 to 0.5 sigma: a pixel's angle times distance squared times 0.13 to 1 a metre (sigmas of 0.05
+to 0.1 pixels over 5 to 10 cm, data sheets), nothing of time of flight."""
+_SIZES, _MOST_SHARE = [NAMES.index("scale"), NAMES.index("focal")], 0.5
+"""Beyond such a scale or focal length the fit has left what it can tell: all points at the camera,
+and the camera on a wall, fit any scan."""
 _RANK = 1e-10
 """Of the information: below, nothing is told, and sigmas are 1 (m, rad, s, the whole)."""
 
@@ -301,7 +304,8 @@ def _settled(
     pixel_rad: float,
 ) -> SliceFit | None:
     """The fit from these values (8,) on, of all unknowns; None where too few images or points lie
-    near the scans. gates: of ``_GATES_M`` and ``_SETTLED``. pixel_rad: as of ``SliceFit``."""
+    near the scans, or walls on one side let depths shrink to nothing. gates: of ``_GATES_M`` and
+    ``_SETTLED``. pixel_rad: as of ``SliceFit``."""
     if len(slices) < FEWEST_IMAGES:
         return None
     each_tree = [(each, cKDTree(each.surfaces_m)) for each in slices]
@@ -319,10 +323,12 @@ def _settled(
             prior = noise**2 * apart.size / len(slices) * _KNOWN
             H = sum(b[0] for b in blocks) + np.diag(prior)
             g = sum(b[1] for b in blocks) + prior * (_HEALTHY - values)
-            step: FloatArray = np.asarray(np.linalg.lstsq(H, g, rcond=1e-12)[0])
+            step: FloatArray = np.asarray(np.linalg.lstsq(H, g, rcond=_RANK)[0])
             creeps = step @ last > _ALONG * np.linalg.norm(step) * np.linalg.norm(last)
             stride = min(_FASTER * stride, _LONGEST) if creeps else 1.0
             values, last = values + stride * step, step
+            if np.abs(values[_SIZES]).max() > _MOST_SHARE:
+                return None
             if np.abs(step).max() < least:
                 break
     # Errors within an image are alike (noise of disparity, one wall): images count, not points.

@@ -6,6 +6,8 @@ import numpy as np
 
 from slamsim.core.types import FloatArray
 
+_OF_MEDIAN = 1.4826
+"""Standard deviation of normal errors over the median of their size."""
 _TUKEY = 4.0
 """Standard deviations from which on an error has no weight: of normal errors some 91 % as efficient
 as least squares (4.7 give 95 %)."""
@@ -14,10 +16,27 @@ as least squares (4.7 give 95 %)."""
 def scatter(apart: FloatArray, least: float) -> float:
     """The standard deviation of errors (n,) by the median of their size, which wild ones hardly
     move; no less than ``least``."""
-    return max(1.4826 * float(np.median(np.abs(apart))), least)
+    return max(_OF_MEDIAN * float(np.median(np.abs(apart))), least)
+
+
+def scatter_of_some(apart: FloatArray, counts: FloatArray, least: float) -> float:
+    """``scatter`` of errors (n,) of which each counts as much as ``counts`` (n,) says."""
+    return max(_OF_MEDIAN * weighed_median(np.abs(apart), counts), least)
+
+
+def weighed_median(values: FloatArray, counts: FloatArray) -> float:
+    """Of values (n,), of which each counts as much as ``counts`` (n,) says."""
+    order = np.argsort(values)
+    sums = np.cumsum(counts[order])
+    return float(values[order][np.searchsorted(sums, 0.5 * sums[-1])])
 
 
 def tukey_weights(apart: FloatArray, least: float) -> FloatArray:
     """(n,) weights of errors (n,) by Tukey's biweight: 1 to 0. least: of their scatter."""
-    units = apart / (_TUKEY * scatter(apart, least))
+    return biweights(apart, scatter(apart, least))
+
+
+def biweights(apart: FloatArray, sigma: float) -> FloatArray:
+    """(n,) weights of errors (n,) of this scatter by Tukey's biweight: 1 to 0."""
+    units = apart / (_TUKEY * sigma)
     return np.asarray(np.square(np.maximum(1.0 - np.square(units), 0.0)))

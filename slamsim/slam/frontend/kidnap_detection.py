@@ -143,10 +143,13 @@ def contradiction(one: Sighting, other: Sighting) -> float:
 
 def is_gone(before: Sighting, now: Sighting) -> bool:
     """Whether something that stood where one scan was taken is gone where the next was: returns
-    come from behind it. A person or a door that comes into view is nearer, not farther."""
+    come from behind it. A person or a door that comes into view is nearer, not farther. False where
+    the two are too far apart to tell, or know too little of the same directions."""
     T_before_now = between(before.T_map_base, now.T_map_base)
+    if np.hypot(T_before_now[0], T_before_now[1]) > MOST_APART_M:
+        return False
     known, _, behind = _compared(before.cloud, now.cloud, T_before_now)
-    return behind >= max(GONE_BEAMS, GONE_SHARE * known)
+    return known >= LEAST_KNOWN and behind >= max(GONE_BEAMS, GONE_SHARE * known)
 
 
 def _share(view: Cloud, other: Cloud, T_view_other: FloatArray) -> float:

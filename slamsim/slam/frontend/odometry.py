@@ -72,7 +72,8 @@ class FrontEnd:
         self.sudden_steps: list[Event] = []
         """Steps of the scans that no robot makes: to be told where places look alike."""
         self.lost_holds: list[Event] = []
-        """Where what held the scans was gone all of a sudden: to be told unless loops agree."""
+        """Where what held the scans was gone all of a sudden: to be told where places look alike,
+        unless loops agree."""
         self.restarts = 0
         """Times the local map was begun anew, the robot being lost."""
 
@@ -88,6 +89,7 @@ class FrontEnd:
         """Go on from here in an empty map, at no known speed."""
         self._predictor.rest()
         self._matcher, self._T_map_key = matcher, None
+        self._holds = LostHolds()
 
     @property
     def T_map_base(self) -> FloatArray:  # noqa: N802

@@ -250,10 +250,10 @@ def _mount(evidence: RecordingEvidence, depth: CameraSurvey, fit: SliceFit) -> I
     words = f"it looks {to_side} of where its frame says"
     advice = "Correct the fixed transform to its frame, or the mount."
     yield judge(YAW, depth.frame_id, words, yaw, advice=advice, repairs=[repair])
-    for question, axis in zip(PLACE, "xy", strict=True):
+    sides = ("forward", "back"), ("to the left", "to the right")
+    for question, axis, either in zip(PLACE, "xy", sides, strict=True):
         off = _measured(fit, f"{axis}_m", 1e3, "mm")
-        along = signed_words(off.value, "mm", "forward along", "back along", 0)
-        words = f"it sits {along} {axis} of {evidence.base} from where it says"
+        words = f"it sits {signed_words(off.value, 'mm', *either, 0)} of where its frame says"
         yield judge(question, depth.frame_id, words, off, advice=advice, repairs=[repair])
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from slamsim.check.calibration.explanation import LIMITS, Explanation, limit_of_ranges
+from slamsim.check.calibration.explanation import LIMITS, Explanation
 from slamsim.check.calibration.joint import Calibration
 from slamsim.check.evidence import of_sizes
 from slamsim.check.findings import Finding
@@ -39,7 +39,6 @@ def check_range_scale(calibration: Calibration, explained: Explanation) -> list[
             topic,
             f"ranges are {signed_words(too_long.value, '%', 'too long', 'too short')}",
             too_long,
-            limit=limit_of_ranges(too_long),
             advice=f"Multiply every range by {factor:.5g}, or the odometry's lengths by "
             f"{1.0 / factor:.5g}: scans and wheels alone do not tell which.",
             repairs=(Repair("scale_ranges", topic, {"factor": factor}),),

@@ -12,8 +12,9 @@ from slamsim.check.scan_sample import ScanSample, positive
 from slamsim.core.types import BoolArray, Float32Array, FloatArray
 
 MOST_ACCIDENTS = 20
-"""So many surfaces may seem to go on behind the farthest reading: something close, beside a wall
-that is as far as that, in line with it to a few centimetres on two beams each."""
+"""In the directions of so many beams a surface may seem to go on behind the farthest reading:
+something close, beside a wall that is as far as that, in line with it to a few centimetres on two
+beams each. A robot that stands sees such a place in each scan, but in one direction."""
 
 _IN_LINE_M = MOST_M
 """Four ranges along a wall bend by no more than a lidar scatters by; surfaces that bend by more are
@@ -36,7 +37,7 @@ WRAPPED = Question(
         ),
     ),
     limit=float(MOST_ACCIDENTS),
-    unit="places",
+    unit="directions",
     consequence="what is far is mapped close to the robot",
     excitation_wanted="surfaces that are seen from one beam to the next, near and far",
     limit_of_ok=False,
@@ -52,16 +53,15 @@ def check_wraps(topic: str, sample: ScanSample) -> Finding:
         return unanswered(WRAPPED, topic, words)
     most_m = float(readings.max())
     wraps = [_wraps(rows, most_m) for rows in (sample.ranges_m, sample.ranges_m[:, ::-1])]
-    count = sum(int(each.sum()) for each in wraps)
+    count = sum(int(each.any(axis=0).sum()) for each in wraps)
     return judge(
         WRAPPED,
         topic,
         {
             "ok": "no surface goes on at zero where it passes the farthest reading",
-            "fault": f"{count} times in {len(sample.scans)} scans a surface that passes "
-            f"{most_m:.4g} m goes on at zero",
+            "fault": f"in {count} directions a surface that passes {most_m:.4g} m goes on at zero",
         },
-        Measurement(float(count), 0.0, "places"),
+        Measurement(float(count), 0.0, "directions"),
         advice=f"Look for a driver that keeps too few bits of a range: all beyond {most_m:.4g} m "
         "read that much too little.",
         fault_plots=(_plot(topic, sample, wraps[0] | wraps[1][:, ::-1], most_m),),
