@@ -17,6 +17,8 @@ JSON_VERDICTS: dict[Verdict, str] = {
     "inconclusive": "cannot tell",
 }
 """What verdicts are called in ``--json``, where names never change."""
+SIDES = {"x": ("forward", "back"), "y": ("to the left", "to the right")}
+"""Where something sits along an axis of the base, if more and if less."""
 _NOTHING = 1e-6
 """Share of its limit below which a size is nothing."""
 _ROUNDING = 1e-9

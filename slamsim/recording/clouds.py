@@ -178,12 +178,10 @@ class CloudSlicer:
             beam = (direction * (bins - start)) % plan.beams
         seen = beam < plan.count
         if plan.ring is None:
-            row, off_row_rad = _nearest(beam[seen], ranges_m[seen], off_rad[seen], plan.count)
-            row = _at_centres(row, direction * off_row_rad, plan.step_rad)
+            surfaces = _surfaces(beam[seen], ranges_m[seen], direction * off_rad[seen], plan.count)
+            row = _at_centres(*surfaces, plan.step_rad)
         else:
-            row = np.full(plan.count, np.nan, dtype=np.float32)
-            far_first = np.argsort(-ranges_m[seen], kind="stable")
-            row[beam[seen][far_first]] = ranges_m[seen][far_first]  # the nearest is written last
+            row = _nearest_m(beam[seen], ranges_m[seen], plan.count)
         self._farthest_m = max(self._farthest_m, ranges_m.max(initial=np.float32(0.0)))
         self._ranges.add(row[None])
         self._stamps_ns.append(cloud.stamp_ns + round(1e9 * begin_s))
@@ -304,7 +302,14 @@ def _bins(cloud: Points, beams: int, phase_rad: float) -> tuple[IntArray, FloatA
     return np.asarray(bins.astype(np.int64) % beams), angles_rad - bins * step_rad
 
 
-def _nearest(
+def _nearest_m(beam: IntArray, ranges_m: NDArray[np.float32], count: int) -> NDArray[np.float32]:
+    """(count,) range of the nearest return in each beam, nan without one."""
+    nearest_m = np.full(count, np.nan, dtype=np.float32)
+    np.fmin.at(nearest_m, beam, ranges_m)
+    return nearest_m
+
+
+def _surfaces(
     beam: IntArray, ranges_m: NDArray[np.float32], off_rad: FloatArray, count: int
 ) -> tuple[NDArray[np.float32], FloatArray]:
     """(count,) range of the nearest surface in each beam, nan without a return, and (count,) the
@@ -313,8 +318,7 @@ def _nearest(
 
     beam, ranges_m, off_rad: (n,) of the returns.
     """
-    nearest_m = np.full(count, np.inf, dtype=np.float32)
-    np.minimum.at(nearest_m, beam, ranges_m)
+    nearest_m = _nearest_m(beam, ranges_m, count)
     limit_m = nearest_m + np.maximum(_TOGETHER_M, _TOGETHER_SHARE * nearest_m)
     together = ranges_m <= limit_m[beam]
     beam, ranges_m, off_rad = beam[together], ranges_m[together], off_rad[together]

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from slamsim.cameras.lens import CameraModel
 from slamsim.cameras.survey import CameraSurvey
 from slamsim.check.motion.planar_track import planar_track, track_at
+from slamsim.check.motion.robust import biweights, scatter
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawScans, Recording
 
@@ -40,7 +41,8 @@ _GAP_M, _BENT_M = 0.25, 0.02
 """Between neighbouring beams, and off the line through them: else there is no surface."""
 _FLOOR_M = 0.003
 """How exactly a wall is the same at two heights."""
-_TUKEY = 4.0
+_LEAST_NOISE = 1e-6
+"""Of the scatter that is looked for."""
 _SHIFTS, _LINEAR_S = 4, 0.01
 """How often stamps are shifted by what was found: so long motion is taken for even."""
 _DELAYS_NS = tuple(round(1e9 * late_s) for late_s in np.arange(-1.0, 1.01, 0.1).tolist())
@@ -317,10 +319,11 @@ def _settled(
             apart = np.concatenate([r / s for _, r, s in parts])
             if apart.size < FEWEST_POINTS:
                 return None
-            noise = max(1.4826 * float(np.median(np.abs(apart))), 1e-6)
+            noise = scatter(apart, _LEAST_NOISE)
             blocks = [_weighed(A, r, s, noise) for A, r, s in parts]
             # What was known before counts as one image does: errors within an image are alike.
-            prior = noise**2 * apart.size / len(slices) * _KNOWN
+            an_image = noise**2 * apart.size / len(slices)
+            prior = an_image * _KNOWN
             H = sum(b[0] for b in blocks) + np.diag(prior)
             g = sum(b[1] for b in blocks) + prior * (_HEALTHY - values)
             step: FloatArray = np.asarray(np.linalg.lstsq(H, g, rcond=_RANK)[0])
@@ -332,8 +335,7 @@ def _settled(
             if np.abs(step).max() < least:
                 break
     # Errors within an image are alike (noise of disparity, one wall): images count, not points.
-    known_variance = np.divide(1.0, _KNOWN, out=np.zeros_like(_KNOWN), where=_KNOWN > 0.0)
-    spread = sum(np.outer(g, g) for _, g, _ in blocks) + np.diag(prior**2 * known_variance)
+    spread = sum(np.outer(g, g) for _, g, _ in blocks) + np.diag(an_image * prior)
     inverse = np.linalg.pinv(H, rcond=_RANK)
     size, vectors = np.linalg.eigh(H)
     untold = vectors[:, size < _RANK * size[-1]]  # the delay of a robot that stands
@@ -382,11 +384,10 @@ def _equations(
 
 
 def _weighed(
-    A: FloatArray, apart: FloatArray, scatter: FloatArray, noise: float
+    A: FloatArray, apart: FloatArray, scatter_m: FloatArray, noise: float
 ) -> tuple[FloatArray, FloatArray, int]:
     """(n, n) and (n,) of one image's n unknowns, and how many points count in it (Tukey's
     biweight)."""
-    units = apart / (noise * scatter)
-    weight = np.square(np.maximum(1.0 - np.square(units / _TUKEY), 0.0)) / np.square(scatter)
+    weight = biweights(apart / scatter_m, noise) / np.square(scatter_m)
     by = A * weight[:, None]
     return by.T @ A, by.T @ apart, int((weight > 0.0).sum())

@@ -132,9 +132,7 @@ class FrontEnd:
             match = self._match(cloud, prediction) or match
 
         if match is not None:
-            self._look_for_sudden_step(prediction, match)
-            if (lost := self._holds.see(cloud, match)) is not None:
-                self.lost_holds.append(lost)
+            self._look_for_kidnapping(cloud, prediction, match)
 
         T_map_base = self._predictor.update(prediction, match)
 
@@ -237,10 +235,14 @@ class FrontEnd:
         )
         return tuple(words for count, words in told if count)
 
-    def _look_for_sudden_step(self, prediction: Prediction, match: Match) -> None:
+    def _look_for_kidnapping(self, cloud: Cloud, prediction: Prediction, match: Match) -> None:
+        """What a match shows of it where places look alike, and the scan fits nevertheless."""
         step = self._sudden.see(prediction, match, self._selector.sigmas_off(match, prediction))
         if step is not None:
             self.sudden_steps.append(step)
+        lost = self._holds.see(cloud, match)
+        if lost is not None:
+            self.lost_holds.append(lost)
 
     def _match(self, cloud: Cloud, prediction: Prediction) -> Match | None:
         """The match to believe; none while there is no map."""

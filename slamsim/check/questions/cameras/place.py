@@ -26,7 +26,7 @@ from slamsim.check.motion.image_turns import (
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
 from slamsim.check.questions.cameras.intrinsics import CAMERA_INTRINSICS
 from slamsim.check.questions.cameras.tilt import CAMERA_MOUNT, as_tilted, seen_beside
-from slamsim.check.wording import signed_words
+from slamsim.check.wording import SIDES, signed_words
 from slamsim.core.types import FloatArray
 from slamsim.guard.numbers import BadNumbers
 from slamsim.recording.choice import lidars
@@ -250,10 +250,9 @@ def _mount(evidence: RecordingEvidence, depth: CameraSurvey, fit: SliceFit) -> I
     words = f"it looks {to_side} of where its frame says"
     advice = "Correct the fixed transform to its frame, or the mount."
     yield judge(YAW, depth.frame_id, words, yaw, advice=advice, repairs=[repair])
-    sides = ("forward", "back"), ("to the left", "to the right")
-    for question, axis, either in zip(PLACE, "xy", sides, strict=True):
+    for question, axis in zip(PLACE, "xy", strict=True):
         off = _measured(fit, f"{axis}_m", 1e3, "mm")
-        words = f"it sits {signed_words(off.value, 'mm', *either, 0)} of where its frame says"
+        words = f"it sits {signed_words(off.value, 'mm', *SIDES[axis], 0)} of where its frame says"
         yield judge(question, depth.frame_id, words, off, advice=advice, repairs=[repair])
 
 

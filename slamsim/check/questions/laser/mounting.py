@@ -13,6 +13,7 @@ from slamsim.check.calibration.joint import Calibration
 from slamsim.check.evidence import of_sizes
 from slamsim.check.findings import Finding, Measurement
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
+from slamsim.check.wording import SIDES
 from slamsim.core.geometry import wrap_angle
 from slamsim.core.types import FloatArray
 from slamsim.recording.repairs.base import Repair
@@ -125,8 +126,7 @@ def _yaw(calibration: Calibration, declared: FloatArray, found: FloatArray) -> F
 def _place(calibration: Calibration, declared: FloatArray, found: FloatArray, axis: int) -> Finding:
     """declared, found: (3,) T_base_laser. axis: 0 of x, 1 of y."""
     off_m = float(found[axis] - declared[axis])
-    sides = (("forward", "back"), ("to the left", "to the right"))[axis]
-    side = sides[0] if off_m > 0.0 else sides[1]
+    side = SIDES["xy"[axis]][0 if off_m > 0.0 else 1]
     sigma_m, given_m = calibration.sigma(_NAMES[axis]), calibration.given(_NAMES[axis])
     return judge(
         PLACE[axis],
