@@ -101,6 +101,7 @@ def finding_json(finding: Finding) -> dict[str, object]:
         "advice": finding.advice,
         "value": None if estimate is None else _number(estimate.value),
         "sigma": None if estimate is None else _number(estimate.sigma),
+        "allowed": None if estimate is None else _number(estimate.allowed),
         "interval": None if estimate is None else [_number(end) for end in estimate.interval],
         "unit": None if estimate is None else estimate.unit,
         "limit": _number(finding.limit),

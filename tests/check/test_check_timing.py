@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from hypothesis import strategies as st
 from slamsim.check.calibration.explanation import explain
 from slamsim.check.calibration.joint import Calibration, calibrate_inputs
 from slamsim.check.diagnosis import explained
-from slamsim.check.findings import Finding
+from slamsim.check.findings import Finding, Measurement, decide
 from slamsim.check.motion.inputs import Inputs
 from slamsim.check.motion.integrated import integrated_wheels
 from slamsim.check.questions.clocks.offsets import check_timing
@@ -24,6 +25,7 @@ from slamsim.check.questions.laser.mounting import check_mounting
 from slamsim.check.questions.wheels.direction import check_reversing
 from slamsim.check.questions.wheels.sizes import check_wheels
 from slamsim.check.questions.wheels.slip import check_slip
+from slamsim.check.wording import JSON_VERDICTS, finding_json
 from slamsim.core.types import FloatArray
 from slamsim.recording import RawImu, RawOdometry, RawTicks, Recording
 
@@ -67,6 +69,25 @@ FAULTS = [
     (Robot(T_base_laser=T_BASE_LASER + np.array([0.0, 0.05, 0.0])), {"laser_position"}),
     (Robot(T_base_laser=T_BASE_LASER + np.array([0.0, 0.0, math.pi])), {"laser_yaw"}),
 ]
+
+
+@pytest.mark.parametrize(
+    ("robot", "check"),
+    [
+        (Robot(wheels_late_s=0.0024), "time.offset.wheels"),
+        (Robot(lidar_late_s=0.003), "time.offset.lidar"),
+        (Robot(T_base_laser=T_BASE_LASER + np.array([0.0, 0.05, 0.0])), "laser.y"),
+        (Robot(), "laser.x"),
+    ],
+)
+def test_a_verdict_follows_from_the_numbers_in_the_json(robot: Robot, check: str) -> None:
+    calibration = calibrate_inputs(robot.inputs())
+    assert calibration is not None
+    finding = next(one for one in everything(calibration) if one.check == check)
+    told: dict[str, Any] = finding_json(finding)
+    size = Measurement(told["value"], told["sigma"], told["unit"], allowed=told["allowed"])
+    assert told["allowed"] > 0.0 or check == "time.offset.lidar"
+    assert JSON_VERDICTS[decide(size, told["limit"])] == told["verdict"]
 
 
 @pytest.mark.parametrize(("robot", "expected"), FAULTS)

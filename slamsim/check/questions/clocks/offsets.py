@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from slamsim.check.calibration.joint import Calibration
 from slamsim.check.findings import Finding, Measurement
 from slamsim.check.question import FaultKind, Question, anywhere, judge, same_subject, unanswered
@@ -81,7 +83,7 @@ CULPRITS = {
         f"stamps of the {STREAM_NAMES[stream]} are those of the instant of measurement",
         *faults,
         EPOCH_MISMATCH,
-        limit_s=LIMITS_S["gyro"],
+        limit_s=LIMITS_S["wheel" if stream == "wheels" else "gyro"],
     )
     for stream, faults in {
         "lidar": (LATE_LIDAR, STAMP_END, STAMP_MIDDLE),
@@ -196,13 +198,13 @@ def _of(stream: str, offsets: dict[str, Offset]) -> list[Offset]:
 def _culprit(
     calibration: Calibration, offsets: dict[str, Offset], stream: str, late_s: float
 ) -> Finding:
-    sigma = min(one.sigma_s for one in _of(stream, offsets))
+    surest = min(_of(stream, offsets), key=lambda one: one.sigma_s)
     question, how = CULPRITS[stream], ""
     fault = question.faults[0]
     if abs(late_s) > OTHER_EPOCH_S:
         fault, how = EPOCH_MISMATCH, ": they count from another origin"
     elif stream == "lidar":
-        fault, how = _instant(calibration, late_s, sigma)
+        fault, how = _instant(calibration, late_s, surest.sigma_s)
     if len(offsets) < 2:
         how += "; only two streams can be compared, so it may be the other one's"
     topic = _topics(calibration)[stream]
@@ -210,8 +212,9 @@ def _culprit(
         question,
         topic,
         f"stamps of the {STREAM_NAMES[stream]} are {_signed_ms(late_s)}{how}",
-        Measurement(late_s * 1e3, sigma * 1e3, "ms"),
+        replace(surest.size, value=late_s * 1e3, bound=None),
         verdict="fault",
+        limit=1e3 * LIMITS_S[surest.pair],
         fault=fault,
         advice=f"Subtract {late_s:.4g} s from its stamps, or stamp at the instant of measurement.",
         repairs=(Repair("shift_stamps", topic, {"offset_s": -late_s}),),
