@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -33,11 +33,7 @@ def truths(config: RunConfig, faults: Sequence[Fault]) -> Truth:
     """
     if not faults:
         return _healthy(config)
-    fault = faults[0]
-    change = CHANGES.get(type(fault))
-    if len(faults) > 1 or change is None:
-        return {}
-    return change(_healthy(config), fault)
+    return _changed(_healthy(config), faults[0]) if len(faults) == 1 else {}
 
 
 def _healthy(config: RunConfig) -> Truth:
@@ -66,8 +62,39 @@ def _believed_radius(wheels: EncoderConfig) -> float:
     return (1.0 + wheels.wheel_radius_error) * (1.0 + float(np.mean(wheels.wheel_scale_error)))
 
 
-def _time_offset(healthy: Truth, fault: Fault) -> Truth:
-    assert isinstance(fault, TimeOffset)
+def _changed(healthy: Truth, fault: Fault) -> Truth:
+    """What a fault with a number makes of the estimates that it changes; nothing of others.
+
+    A drift of clocks is not among them: which of two clocks a small one is told of is open, and
+    with it the sign.
+    """
+    match fault:
+        case TimeOffset():
+            return _offsets(fault)
+        case WheelRadius():
+            return {"wheels.radius": _times(healthy["wheels.radius"], fault.relative_error)}
+        case WheelTrack():
+            return {"wheels.track": _times(healthy["wheels.track"], fault.relative_error)}
+        case GyroScale():
+            return {"gyro.scale": _times(healthy["gyro.scale"], fault.factor - 1.0)}
+        case LaserMount(axis="yaw"):
+            return {"laser.yaw": fault.angle_deg}
+        case LaserPosition():
+            return {f"laser.{fault.axis}": 1e3 * fault.by_m}
+        case LaserAngleStep():
+            return {"laser.angle_step": 100.0 * fault.relative_error}
+        case RangeOffset():
+            return {"ranges.offset": 1e3 * fault.offset_m}
+        case BeamTimeScale():  # the true time between beams over the declared one
+            return {"laser.sweep": 1.0 / fault.factor}
+        case FlashScanTimed():
+            return {"laser.sweep": 0.0}
+        case BeamTimeReversed():
+            return {"laser.sweep": -1.0}
+    return {}
+
+
+def _offsets(fault: TimeOffset) -> Truth:
     late_ms = 1e3 * fault.offset_s
     pairs = {
         "lidar": {"lidar_imu": -late_ms, "lidar_wheels": -late_ms},
@@ -80,68 +107,6 @@ def _time_offset(healthy: Truth, fault: Fault) -> Truth:
     }
 
 
-def _wheel_radius(healthy: Truth, fault: Fault) -> Truth:
-    assert isinstance(fault, WheelRadius)
-    return {"wheels.radius": _times(healthy["wheels.radius"], fault.relative_error)}
-
-
-def _wheel_track(healthy: Truth, fault: Fault) -> Truth:
-    assert isinstance(fault, WheelTrack)
-    return {"wheels.track": _times(healthy["wheels.track"], fault.relative_error)}
-
-
-def _gyro_scale(healthy: Truth, fault: Fault) -> Truth:
-    assert isinstance(fault, GyroScale)
-    return {"gyro.scale": _times(healthy["gyro.scale"], fault.factor - 1.0)}
-
-
-def _laser_mount(healthy: Truth, fault: Fault) -> Truth:
-    assert isinstance(fault, LaserMount)
-    return {"laser.yaw": fault.angle_deg} if fault.axis == "yaw" else {}
-
-
-def _laser_position(healthy: Truth, fault: Fault) -> Truth:
-    assert isinstance(fault, LaserPosition)
-    return {f"laser.{fault.axis}": 1e3 * fault.by_m}
-
-
-def _angle_step(healthy: Truth, fault: Fault) -> Truth:
-    assert isinstance(fault, LaserAngleStep)
-    return {"laser.angle_step": 100.0 * fault.relative_error}
-
-
-def _sweep(healthy: Truth, fault: Fault) -> Truth:
-    """The true time between beams over the declared one."""
-    if isinstance(fault, BeamTimeScale):
-        return {"laser.sweep": 1.0 / fault.factor}
-    return {"laser.sweep": 0.0 if isinstance(fault, FlashScanTimed) else -1.0}
-
-
-def _range_offset(healthy: Truth, fault: Fault) -> Truth:
-    assert isinstance(fault, RangeOffset)
-    return {"ranges.offset": 1e3 * fault.offset_m}
-
-
 def _times(percent: float, relative_error: float) -> float:
     """One error on top of another, in per cent."""
     return 100.0 * ((1.0 + 0.01 * percent) * (1.0 + relative_error) - 1.0)
-
-
-CHANGES: dict[type[Fault], Callable[[Truth, Fault], Truth]] = {
-    TimeOffset: _time_offset,
-    WheelRadius: _wheel_radius,
-    WheelTrack: _wheel_track,
-    GyroScale: _gyro_scale,
-    LaserMount: _laser_mount,
-    LaserPosition: _laser_position,
-    LaserAngleStep: _angle_step,
-    RangeOffset: _range_offset,
-    BeamTimeScale: _sweep,
-    FlashScanTimed: _sweep,
-    BeamTimeReversed: _sweep,
-}
-"""For each kind with a number: what it makes of the estimates that it changes.
-
-A drift of clocks is not among them: which of two clocks a small one is told of is open, and
-with it the sign.
-"""
