@@ -30,7 +30,14 @@ from slamsim.check.questions.laser.laser import check_laser
 from slamsim.check.questions.laser.rotation import check_rotation
 from slamsim.check.questions.laser.shape import check_angles
 from slamsim.core.types import FloatArray, ScanGeometry
-from slamsim.recording import RawImu, RawOdometry, RawScans, Recording, RecordingFormat
+from slamsim.recording import (
+    RawImu,
+    RawOdometry,
+    RawScans,
+    RawStream,
+    Recording,
+    RecordingFormat,
+)
 from slamsim.recording.repairs.apply import apply_repairs
 
 STEP = LIDAR.angle_step_rad
@@ -61,6 +68,22 @@ def test_healthy_recording_is_told_so() -> None:
     gain = found["laser.rotation"].estimate
     assert gain is not None and gain.value == pytest.approx(1.0, abs=0.02)
     assert found["laser.rotation"].plots and found["laser.sweep"].plots
+
+
+@pytest.mark.parametrize("share", [0.4, 0.43, 0.46])
+def test_a_clock_that_is_set_within_a_window_leaves_the_others_as_they_are(share: float) -> None:
+    """The mean step of all windows would be seconds with one of an hour among them, and the scans
+    be put on that beat, on which they do not turn as the robot does."""
+    stamps = healthy().scans[0].stamps_ns
+    at_ns = int(stamps[round(share * len(stamps))])
+
+    def later(stream: RawStream) -> RawStream:
+        put_ns = np.where(stream.stamps_ns >= at_ns, 3_600_000_000_000, 0)
+        return replace(stream, stamps_ns=stream.stamps_ns + put_ns)
+
+    made = healthy().changed(RawStream, later)
+    found = findings(made)["laser.rotation"]
+    assert found.verdict == "ok", found.words
 
 
 @pytest.mark.parametrize(("of_another_drive", "verdict"), [(False, "ok"), (True, "inconclusive")])

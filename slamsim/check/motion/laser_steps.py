@@ -35,6 +35,10 @@ SINGLE = 0.3
 UNEVEN, SCATTERED_SHARE = 0.1, 0.2
 """Stamps scatter if so many steps between them differ by more than this share of a period."""
 
+LONG_WINDOW = 2.0
+"""A window whose scans are this many times as far apart as usual spans a pause, in which half of
+its time nothing was recorded."""
+
 ACTIVE = 0.9
 """The quantile of a stream's values that counts as activity 1."""
 
@@ -128,8 +132,8 @@ def _evened(stamps: list[IntArray]) -> list[IntArray]:
     A lidar turns evenly. Stamps that do not, and are not just missing some, are those of publishing
     or rounded; over a window their mean is still good.
     """
-    steps = np.concatenate([np.diff(window) for window in stamps] or [np.zeros(0, dtype=np.int64)])
-    if steps.size < 2 or (period := float(np.mean(steps))) <= 0.0:
+    steps = _joined([np.diff(window) for window in stamps])
+    if steps.size < 2 or (period := _mean_period(stamps)) <= 0.0:
         return stamps
     usual = max(float(np.median(steps)), 1.0)
     scatter = np.abs(steps - np.rint(steps / usual) * usual) > UNEVEN * period
@@ -141,6 +145,15 @@ def _evened(stamps: list[IntArray]) -> list[IntArray]:
         )
         for window in stamps
     ]
+
+
+def _mean_period(stamps: list[IntArray]) -> float:
+    """The mean step, but for windows in which a clock was set or nothing was recorded for long: an
+    hour in one of them would make the mean seven seconds, and all others scattered by it."""
+    means = np.array([float(np.ptp(window)) / (len(window) - 1) for window in stamps])
+    lengths = np.array([len(window) - 1.0 for window in stamps])
+    usual = means < LONG_WINDOW * float(np.median(means))
+    return float(np.average(means[usual], weights=lengths[usual])) if usual.any() else 0.0
 
 
 def _without_single_steps(stamps_ns: IntArray, period: float) -> IntArray:
