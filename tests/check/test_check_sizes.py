@@ -246,6 +246,22 @@ def test_a_piece_that_tells_next_to_nothing_makes_nothing_unsure() -> None:
     assert pieces.widened(by_noise) < 1.3**2 * by_noise
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_few_blocks_tell_how_unsure_sizes_are_but_not_what_they_have_in_common(seed: int) -> None:
+    """Of two drifts that seem 0.7 correlated in some turns the difference would be too sure."""
+    calibration = calibrate_inputs(Robot(seed=seed).inputs())
+    assert calibration is not None
+    told, least = calibration.fit.covariance, calibration.fit.bound_covariance
+    assert (calibration.fit.sigmas > 1.05 * calibration.fit.bounds).any()
+    assert np.all(calibration.fit.sigmas > 0.999 * calibration.fit.bounds)
+    np.testing.assert_allclose(_correlations(told), _correlations(least), atol=1e-9)
+
+
+def _correlations(covariance: FloatArray) -> FloatArray:
+    sigmas = np.sqrt(np.diag(covariance))
+    return np.asarray(covariance / np.outer(sigmas, sigmas))
+
+
 def test_a_drift_is_as_unsure_as_the_offset_wanders() -> None:
     """The slope through pieces whose offsets scatter far beyond their noise, against its error."""
     rng, at_s = np.random.default_rng(4), np.arange(8.0)

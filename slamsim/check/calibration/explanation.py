@@ -147,10 +147,7 @@ def _gains(calibration: Calibration, motions: ScanMotions | None) -> _Gains:
     known = np.array([wheels, wheels, gyro, by_shape]) & np.append(values != 0.0, True)
     seen, noise = np.zeros(4), np.zeros((4, 4))
     seen[:3] = np.log(np.abs(np.where(known[:3], values, 1.0)))
-    # Few blocks of a jackknife tell sigmas, but no correlations: those are of the noise.
-    by_noise = calibration.fit.bound_covariance[np.ix_(places, places)]
-    stretch = np.sqrt(np.diag(calibration.covariance)[places] / np.diag(by_noise))
-    noise[:3, :3] = np.outer(stretch, stretch) * by_noise / np.outer(values, values)
+    noise[:3, :3] = calibration.covariance[np.ix_(places, places)] / np.outer(values, values)
     noise[0, 0] += np.square(PATH_BIAS)
     if motions is not None and by_shape:
         step, offset = _left(motions, 1), _left(motions, 2)
