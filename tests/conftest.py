@@ -116,6 +116,14 @@ def tried_by_one_worker(one_worker: KeptEngine, monkeypatch: pytest.MonkeyPatch)
         monkeypatch.setattr(f"{module}.Workers", lambda *_: one_worker.workers)
 
 
+@pytest.fixture
+def orders(tmp_path: Path) -> Path:
+    """Where orders for ``dataset_stub.Stub`` lie: what sequences do instead of being made."""
+    folder = tmp_path / "orders"
+    folder.mkdir()
+    return folder
+
+
 @pytest.fixture(scope="session")
 def small_set(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A finished data set, as ``dataset_whole`` makes it: to be read, not to be changed. The first

@@ -34,13 +34,6 @@ def cluster() -> Iterator[Any]:
         yield cluster
 
 
-@pytest.fixture
-def orders(tmp_path: Path) -> Path:
-    folder = tmp_path / "orders"
-    folder.mkdir()
-    return folder
-
-
 class Killer(Unwatched):
     """Kills a worker of the cluster once some sequences are there."""
 

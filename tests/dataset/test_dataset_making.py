@@ -19,18 +19,13 @@ from slamsim.run.dataset.making import ConsoleWatch, run_make
 COUNT = 3
 
 
-@pytest.fixture
-def orders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """What sequences of the recipe ``tiny`` do instead of being made."""
-    folder = tmp_path / "orders"
-    folder.mkdir()
-    monkeypatch.setattr("slamsim.dataset.make.make.produce", Stub(folder))
-    return folder
-
-
 def test_sequences_that_fail_for_good_end_in_an_error_that_tells_how_many_and_where(
-    orders: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    orders: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr("slamsim.dataset.make.make.produce", Stub(orders))
     there = tmp_path / "a"
     recipes = {there: "tiny", tmp_path / "elsewhere" / "b": f"file://{there}/recipe.yaml"}
     for place, recipe in recipes.items():

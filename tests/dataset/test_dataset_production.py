@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import time
@@ -11,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from dataset_run import SHARD, end, make, runs, start, tree, workers_of
+from killed import die, killed
 from waiting import wait_for
 
 from slamsim.dataset.make.engines.local import WorkEngine
@@ -31,13 +31,6 @@ class Notes(Unwatched):
 
     def tried(self, index: int, reason: str, tries: int) -> None:
         self.reasons.setdefault(index, []).append(reason)
-
-
-@pytest.fixture
-def orders(tmp_path: Path) -> Path:
-    folder = tmp_path / "orders"
-    folder.mkdir()
-    return folder
 
 
 @pytest.fixture(scope="module")
@@ -253,10 +246,12 @@ def test_a_second_run_and_a_worker_that_lives_on_keep_others_out(
     store = LocalStore(str(tmp_path / "set"))
     with store.owned(), pytest.raises(Locked, match="is being written by process"):
         make(tmp_path / "set", orders, 2, one_worker)
-    if (run := os.fork()) == 0:
+
+    def work() -> None:
         with store.owned(), store.used():
-            os.kill(os.getpid(), signal.SIGKILL)
-    os.waitpid(run, 0)
+            die()
+
+    killed(work)
     (staging,) = (tmp_path / "set").glob(".slamsim-*")
     worker = LocalStore(store.address, staging.name)
     with worker.used(), pytest.raises(Locked, match="workers of an earlier run"):

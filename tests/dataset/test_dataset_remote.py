@@ -51,13 +51,6 @@ def worker(bucket: str) -> Iterator[WorkEngine]:
         yield KeptEngine(engine)
 
 
-@pytest.fixture
-def orders(tmp_path: Path) -> Path:
-    folder = tmp_path / "orders"
-    folder.mkdir()
-    return folder
-
-
 def test_what_is_uploaded_is_what_a_folder_would_hold(
     bucket: str, worker: WorkEngine, orders: Path, tmp_path: Path
 ) -> None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import errno
 import os
-import signal
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from killed import die, killed
 
 from slamsim.guard import staging
 from slamsim.guard.errors import DiskFull, SlamsimError
@@ -114,27 +114,13 @@ def test_an_empty_folder_may_be_filled(tmp_path: Path) -> None:
     assert (tmp_path / "run" / "map.pgm").exists()
 
 
-def killed_in_the_middle(work: Callable[[], object]) -> None:
-    """Run this in a fork of this process, which must not come to its end."""
-    if (child := os.fork()) == 0:
-        try:
-            work()
-        finally:
-            os._exit(0)
-    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == -signal.SIGKILL
-
-
-def kill(*_: object) -> None:
-    os.kill(os.getpid(), signal.SIGKILL)
-
-
 def test_remains_of_a_killed_run_are_cleared_away(tmp_path: Path) -> None:
     def work() -> None:
         with partial_folder(tmp_path / "run") as folder:
             (folder / "half").touch()
-            kill()
+            die()
 
-    killed_in_the_middle(work)
+    killed(work)
     assert len(names(tmp_path)) == 2
     run_of(tmp_path / "run", "x")
     assert names(tmp_path) == ["run"]
@@ -148,13 +134,13 @@ def killed_between_the_renames(final: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
     def kill_at_the_second(self: Path, target: Path) -> Path:
         if target == final:
-            kill()
+            die()
         return rename(self, target)
 
     with monkeypatch.context() as patch:
         patch.setattr(staging, "exchange", lambda one, other: False)
         patch.setattr(Path, "rename", kill_at_the_second)
-        killed_in_the_middle(lambda: run_of(final, "new", overwrite=True))
+        killed(lambda: run_of(final, "new", overwrite=True))
     assert not final.exists()
     left = staging_of(final)
     assert left is not None and (left / "old" / "map.pgm").read_text() == "old"

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -19,6 +18,7 @@ from fault_nth import quick_folder
 from foreign_files import snapshot
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from killed import die, killed
 
 from slamsim.guard import lock, staging
 from slamsim.guard.errors import Locked, SlamsimError
@@ -64,20 +64,6 @@ KINDS: dict[str, Callable[[Path], object]] = {
     "a link to the folder above": lambda path: path.symlink_to(".."),
     "a link to nothing": lambda path: path.symlink_to("nowhere"),
 }
-
-
-def killed(work: Callable[[], object]) -> None:
-    """In a fork of this process, which kills itself within the work."""
-    if (child := os.fork()) == 0:
-        try:
-            work()
-        finally:
-            os._exit(0)
-    os.waitpid(child, 0)
-
-
-def die(*_: object) -> None:
-    os.kill(os.getpid(), signal.SIGKILL)
 
 
 def names(folder: Path) -> set[str]:

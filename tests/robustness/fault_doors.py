@@ -27,7 +27,6 @@ from slamsim.sim.engine import running_engine, standing_robot
 from slamsim.sim.robot.model import RobotModel, build_robot
 from slamsim.slam.mapping.saved_map import read_saved_map
 from slamsim.world.build import build_world
-from slamsim.world.map_server import read_map
 from slamsim.world.model import World
 
 SEED = 7
@@ -109,13 +108,6 @@ def fault(path: Path) -> object:
 
 def image(path: Path) -> object:
     return read_gray_image(path)
-
-
-def map_grid(path: Path) -> object:
-    """A map_server map as SLAM's results are compared with it."""
-    grid = read_map(path)
-    assert np.isin(grid.occupancy[~np.isnan(grid.occupancy)], (0.0, 1.0)).all(), "odd cells"
-    return grid
 
 
 def route(path: Path) -> object:

@@ -184,8 +184,6 @@ def _manifests() -> Iterable[bytes]:
 _YAML_WORDS = ("preset: ", "file: ", "&a", "*a", "<<", "!!", "---", "{}", "[", "1e999", ".inf", "~")
 _URDF_WORDS = ("<link", "<joint", "<mesh", "filename=", "<origin", "nan", "<!DOCTYPE", "xyz=")
 
-_TWIST = "{t_s: 0.0, v_m_s: 1.0, w_rad_s: 0.0}"
-
 _OTHERS = (
     Target("yaml", as_file("a.yaml", load_yaml), _bundled("worlds", "configs"), _YAML_WORDS),
     Target("run", _model(RunConfig), _bundled("configs"), _YAML_WORDS),

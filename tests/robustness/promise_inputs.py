@@ -24,10 +24,6 @@ _TEXTS: Mapping[str, str] = {
     "hostile.urdf": "<robot name='h'><link name='base_link'><visual><geometry>"
     "<mesh filename='../../notes.txt'/></geometry></visual></link></robot>\n",
 }
-_BUNDLED = (
-    ("faults", "laser_yaw", "fault.yaml"),
-    ("measurements", "turtlebot2_study", "measured.yaml"),
-)
 _RECIPE = """\
     name: mine
     title: Short drives through tiny labyrinths

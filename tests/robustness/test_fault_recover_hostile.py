@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import bz2
 import json
-import os
-import signal
 import struct
 import zlib
 from collections.abc import Callable
@@ -16,6 +14,7 @@ import pytest
 import zstandard
 from bag_data import ROS2, Robot, as_mcap
 from fault_recovery import recovered_from
+from killed import die, killed
 from limited_child import run_limited
 from mcap import records
 
@@ -127,11 +126,13 @@ def test_the_damaged_recording_is_never_written_over(tmp_path: Path) -> None:
         with pytest.raises(OutputRefused, match="choose another"):
             require_apart([taken], [damaged.path])
     require_apart([tmp_path / "run_recovered"], [damaged.path])
-    if (child := os.fork()) == 0:
+
+    def work() -> None:
         with partial_folder(tmp_path / "x") as folder:
             as_mcap(folder / "a.mcap", Robot(ROS2).drive())
-            os.kill(os.getpid(), signal.SIGKILL)
-    os.waitpid(child, 0)
+            die()
+
+    killed(work)
     with pytest.raises(OutputRefused, match="choose another"):
         require_apart([tmp_path / "x"], [damaged_recording(tmp_path / "x").path])
 

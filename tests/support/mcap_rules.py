@@ -39,8 +39,6 @@ _KINDS: dict[int, Any] = {
     Opcode.SUMMARY_OFFSET: records.SummaryOffset,
     Opcode.DATA_END: records.DataEnd,
 }
-_SHARED = "message_start_time", "message_end_time", "compression", "uncompressed_size"
-"""What a chunk and its index both say."""
 Placed = tuple[int, int, Any]
 """(offset, length with opcode, record)"""
 
