@@ -76,9 +76,10 @@ def require_as_written(path: Path) -> None:
     """
     for where in names_of(path):
         for folder in where.parents:
-            seal = seal_in(folder)
+            if (seal := seal_in(folder)) is None:
+                continue
             name = where.relative_to(folder).as_posix()
-            if seal is not None and (sha256 := seal.hashes.get(name)) is not None:
+            if (sha256 := seal.hashes.get(name)) is not None:
                 if where.exists() and _digest(where, _identity(where)) != sha256:
                     raise DataDamaged(path, _altered(seal, where))
                 return

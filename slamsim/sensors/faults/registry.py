@@ -9,12 +9,13 @@ from typing import Any
 
 from slamsim.config.bundled import bundled_folder, bundled_names, find_input
 from slamsim.config.faults import FaultChoice
-from slamsim.config.loading import load_model
+from slamsim.config.loading import validated
+from slamsim.config.merging import mount
 from slamsim.config.sensors import SensorsConfig
 from slamsim.core.randomness import random_stream
 from slamsim.guard.errors import InputRefused, did_you_mean, shown
 from slamsim.guard.plugins import kinds_in, left_out
-from slamsim.guard.yaml import load_yaml
+from slamsim.guard.yaml import YamlDocument, load_yaml
 from slamsim.recording import Recording
 from slamsim.sensors.faults.base import Fault, SensedFault
 from slamsim.sensors.motion import PoseOverride, PoseSamples, as_mounted
@@ -35,7 +36,18 @@ def load_fault(name_or_path: str) -> Fault:
     Raises NotFound naming the nearest, InputRefused for a file that describes none.
     """
     path = find_input("configs/faults", name_or_path)
-    return load_model(_kind_of(path), path)
+    return _bundled(path) if path.parent == bundled_folder("configs/faults") else _read(path)
+
+
+@cache
+def _bundled(path: Path) -> Fault:
+    """Read once: a recipe with faults asks 381 times for one of the 149."""
+    return _read(path)
+
+
+def _read(path: Path) -> Fault:
+    document = load_yaml(path)
+    return validated(_kind_of(document, path), mount(document))
 
 
 def chosen_fault(choice: FaultChoice) -> Fault:
@@ -61,8 +73,7 @@ def bundled_faults() -> tuple[Fault, ...]:
     return tuple(load_fault(name) for name in bundled_names("configs/faults"))
 
 
-def _kind_of(path: Path) -> type[Fault]:
-    document = load_yaml(path)
+def _kind_of(document: YamlDocument, path: Path) -> type[Fault]:
     data, known = document.data, kinds()
     if not isinstance(data, dict) or "kind" not in data:
         raise InputRefused(path, f"the key 'kind' is missing; it is one of {', '.join(known)}")
