@@ -246,6 +246,34 @@ def test_a_piece_that_tells_next_to_nothing_makes_nothing_unsure() -> None:
     assert pieces.widened(by_noise) < 1.3**2 * by_noise
 
 
+class StandingOften(Robot):
+    """It stands two thirds of the time, and its wheels slip while they roll."""
+
+    def rates(self, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+        forward, turn = super().rates(t)
+        moving = np.clip(4.0 * np.sin(0.9 * t) - 1.5, 0.0, 1.0)
+        return forward * moving, turn * moving
+
+    def inputs(self) -> Inputs:
+        rolling = super().inputs()
+        assert rolling.wheels is not None
+        rng = np.random.default_rng(self.seed + 3)
+        path_m = np.abs(np.diff(rolling.wheels.totals[:, 0], prepend=0.0))
+        slipped_rad = np.cumsum(0.01 * np.sqrt(path_m) * rng.standard_normal(len(path_m)))
+        totals = rolling.wheels.totals + slipped_rad[:, None] * [0.0, 1.0]
+        return replace(rolling, wheels=replace(rolling.wheels, totals=totals))
+
+
+def test_wheels_that_stand_tell_nothing_of_how_much_they_slip() -> None:
+    """Where they did, their turns were too short by six standard deviations."""
+    pulls = []
+    for seed in range(8):
+        calibration = calibrate_inputs(StandingOften(seed=seed, seconds=60.0).inputs())
+        assert calibration is not None
+        pulls.append((calibration.value("turn_gain") - 1.0) / calibration.sigma("turn_gain"))
+    assert np.sqrt(np.mean(np.square(pulls))) < 1.5
+
+
 @pytest.mark.parametrize("seed", [0, 1])
 def test_few_blocks_tell_how_unsure_sizes_are_but_not_what_they_have_in_common(seed: int) -> None:
     """Of two drifts that seem 0.7 correlated in some turns the difference would be too sure."""

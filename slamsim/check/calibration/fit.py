@@ -11,7 +11,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.check.calibration.model import CLOCKS, PRIOR_SIGMAS, ROWS, TURN_GAIN, Model
+from slamsim.check.calibration.model import (
+    CLOCKS,
+    LEAST_ROLLED,
+    PRIOR_SIGMAS,
+    ROWS,
+    TURN_GAIN,
+    Model,
+)
 from slamsim.check.calibration.noise import (
     Pieces,
     blocks,
@@ -200,7 +207,7 @@ def _equations(
         by = whitening(part, model.steps, share)
         mine, slopes = whitened(by, unit_residual[part]), whitened(by, unit_jacobian[part])
         gained.append(np.einsum("nip,niq->pq", slopes, slopes))
-        made_up = noise.made_up(root[part], by, values, np.diag(gained[-1]))
+        made_up = noise.made_up(part, root[part], by, values, np.diag(gained[-1]))
         gradients.append(np.einsum("nip,ni->p", slopes, mine) - made_up)
         squared += float(np.square(mine).sum())
         count += int(told[part].sum())
@@ -221,13 +228,19 @@ def _equations(
 
 
 class _Noise:
-    """Variances of what is not the scans': wheels along, across and in turn, and gyroscope."""
+    """Variances of what is not the scans': wheels along, across and in turn, and gyroscope.
+
+    Learned where the wheels roll, for what they are off by grows with their path (Chong & Kleeman
+    1997): of a robot that stands two thirds of the time the noise of all steps would be none.
+    """
 
     def __init__(self, model: Model) -> None:
         reading = np.zeros(2) if model.wheels is None else model.wheels.reading
         least = np.array([reading[0], 1e-5, reading[1]])
         self._least = np.append(2.0 * np.square(least), 1e-10) + 1e-12
         self._own = self._least.copy()
+        self._share = model.rolled_share()
+        self._rolls = self._share > LEAST_ROLLED
         self._told_apart = False
         self._information = model.steps.information
         self._scans = _inverted(self._information)
@@ -237,13 +250,13 @@ class _Noise:
         scans = np.diagonal(self._scans, axis1=1, axis2=2)
         scans = np.column_stack([scans, scans[:, 2]])
         for row in range(ROWS):
-            seen = covered[row < 3] & (scans[:, row] < 0.1 * UNKNOWN_VARIANCE)
+            seen = covered[row < 3] & (scans[:, row] < 0.1 * UNKNOWN_VARIANCE) & self._rolls
             if seen.sum() < ROWS:
                 continue
             typical = float(np.median(np.square(residual[seen, row]))) / USUAL_SQUARE
             left = typical - float(np.median(scans[seen, row]))
             self._own[row] = max(left, self._least[row])
-        both = residual[covered[0] & covered[1]]
+        both = residual[covered[0] & covered[1] & self._rolls]
         if not np.any(self._information):
             self._learn_without_scans(both)
         elif len(both) >= ROWS:
@@ -259,8 +272,19 @@ class _Noise:
         self._own[:2] = UNKNOWN_VARIANCE
         self._own[2:] = np.maximum(0.5 * apart, self._least[2:])
 
+    def _each(self) -> FloatArray:
+        """(n, 4) variances of each step: errors of wheels grow with the path that they roll."""
+        beyond = np.tile(self._own - self._least, (len(self._share), 1))
+        beyond[:, :3] *= self._share[:, None]
+        return self._least + beyond
+
     def made_up(
-        self, root: FloatArray, by: FloatArray, values: FloatArray, gained: FloatArray
+        self,
+        part: IntArray,
+        root: FloatArray,
+        by: FloatArray,
+        values: FloatArray,
+        gained: FloatArray,
     ) -> FloatArray:
         """(p,) gradient of one block that is noise of the wheels and not what they say.
 
@@ -276,7 +300,7 @@ class _Noise:
         if not self._told_apart or gain == 0.0:
             return gradient
         felt = np.square(by).sum(axis=1).T * np.square(root[:, :, TURNS_BY_WHEELS])
-        noise = float(self._own[TURNS_BY_WHEELS] * felt.sum())
+        noise = float(self._each()[part, TURNS_BY_WHEELS] @ felt.sum(axis=1))
         gradient[TURN_GAIN] = min(
             noise / gain, MOST_ATTENUATED * float(gained[TURN_GAIN]) * gain, key=abs
         )
@@ -286,7 +310,7 @@ class _Noise:
         """(n, 4, 4) upper root of the weight of the residuals: R'R is the inverse covariance."""
         by_gyro, by_wheels = covered
         count = len(by_gyro)
-        own = np.broadcast_to(self._own, (count, ROWS)).copy()
+        own = self._each()
         own[~by_gyro, 3] = UNKNOWN_VARIANCE
         own[~by_wheels, :3] = UNKNOWN_VARIANCE
         covariance = own[:, :, None] * np.eye(ROWS)

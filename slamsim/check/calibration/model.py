@@ -53,6 +53,13 @@ LEAST_TIME_STEP_S, TIME_STEP_PERIODS = 0.02, 2.0
 """Of differences in time: so far apart that the errors of a stream's own readings are others. A
 slope that shares them with the residual would see a delay where nothing turns."""
 
+USUAL_TRACK_M = 0.35
+"""Of robots indoors, where poses do not tell it."""
+
+LEAST_ROLLED, MOST_ROLLED = 0.1, 0.95
+"""Share of the usual error that is left in a step that hardly rolls: stamps scatter, tyres spring
+back. Hardly: by that share of what this quantile of all steps rolls."""
+
 ROWS = 4
 """Of a residual: laser's x, y, yaw by wheels less by scans, turn by gyroscope less by scans."""
 
@@ -88,6 +95,19 @@ class Model:
     def span_s(self) -> float:
         """From the first scan to the last."""
         return float(self.second_s.max() - self.first_s.min())
+
+    def rolled_share(self) -> FloatArray:
+        """(n,) how far the faster wheel rolls in each step, over the median of those that roll."""
+        if self.wheels is None:
+            return np.ones(len(self.steps))
+        start_s, end_s = self._times(self._wheel_s, 0.0, 0.0)
+        path_m, turn_rad = np.abs(self.wheels.at(end_s) - self.wheels.at(start_s)).T
+        half_m = 0.5 * (self.wheels.track_m or USUAL_TRACK_M)
+        rolled_m = np.maximum(path_m, half_m * turn_rad)
+        rolls = rolled_m > LEAST_ROLLED * np.quantile(rolled_m, MOST_ROLLED)
+        if not rolls.any():
+            return np.ones(len(self.steps))
+        return np.asarray(np.maximum(rolled_m / np.median(rolled_m[rolls]), LEAST_ROLLED))
 
     def _free(self) -> BoolArray:
         """(p,) which unknowns to look for: without scans the wheels are the measure of all."""
