@@ -28,7 +28,7 @@ class KeyScan:
 
     row: its number among all scans. true_stamp_ns: of beam 0. pose: ``T_map_base`` (3,) then.
     way_m: driven until then. T_map_laser: 4 x 4, midway through the scan. ends_m: (n, 3) where
-    the beams met walls, in the map. surfaces: (n,) which of them. beams: kept, met or not.
+    the beams met walls, in the map. surfaces: (n,) which of them.
     """
 
     row: int
@@ -38,7 +38,6 @@ class KeyScan:
     T_map_laser: FloatArray
     ends_m: FloatArray
     surfaces: IntArray
-    beams: int
 
 
 class Mounted(Protocol):
@@ -136,7 +135,6 @@ class KeyScans:
             T_map_laser=frame_at(samples, begin_ns + geometry.duration_ns // 2),
             ends_m=rays[:, :3] + ranges_m[seen, None] * rays[:, 3:],
             surfaces=surfaces[seen],
-            beams=chosen.size,
         )
 
     def _returns(self, ranges_m: FloatArray, cosines: FloatArray, surfaces: IntArray) -> IntArray:

@@ -84,7 +84,6 @@ class MountFit:
     doubted: int
     residual_px: float
     path_sigmas: FloatArray
-    blocks: int
     misfits: CornerMisfits
 
     def sigma(self, name: str) -> float:
@@ -156,7 +155,6 @@ def _fit_of(drive: Drive, equations: Equations, numbers: IntArray) -> MountFit:
         doubted=int(np.count_nonzero(weights < 0.5)),
         residual_px=float(np.sqrt(squares / weights.sum())),
         path_sigmas=drive.path_sigmas,
-        blocks=int(drive.blocks.max()) + 1,
         misfits=CornerMisfits(
             drive.views.corners_px.reshape(-1, 2), off_px.reshape(-1, 2), np.repeat(since_s, 4)
         ),

@@ -45,8 +45,8 @@ class Identified:
 
     fits: points that explain the figures, the most likely one first; robot is made of that.
     simulated, nominal: (f,) figures of that robot, and of the robot as drawn, in the physics
-    engine; nan for the ramp. moves: prior sigmas that each correction moved the fit by. left_out:
-    for each scenario what the others foresee. rows: each run of the robot in the engine.
+    engine; nan for the ramp. left_out: for each scenario what the others foresee. rows: each run
+    of the robot in the engine.
     """
 
     experiment: Experiment
@@ -54,7 +54,6 @@ class Identified:
     robot: RobotConfig
     simulated: FloatArray
     nominal: FloatArray
-    moves: tuple[float, ...]
     left_out: dict[str, Foreseen]
     rows: tuple[Row, ...]
 
@@ -77,24 +76,22 @@ def identify(
     listen("fit", 0.0)
     fits = first_fits(experiment, STARTS)
     draws = _checked_draws(experiment)
-    name, moves = f"{config.name}_identified", list[float]()
+    name, moved_sigmas = f"{config.name}_identified", np.inf
     for step in range(STEPS + 1):
         robot = robot_at(experiment.space.values(fits[0].z), config.robot, name)
         found, rows = _in_engine(experiment, robot, draws, f"check {step + 1}", listen, jobs)
-        if step == STEPS or (moves and moves[-1] < STILL_SIGMAS):
+        if step == STEPS or moved_sigmas < STILL_SIGMAS:
             break
         expected = experiment.with_draws(draws).predict(fits[0].z).values
         experiment = experiment.with_offsets(np.where(np.isnan(found), 0.0, found - expected))
         before = fits[0].z
         fits = most_likely(experiment, [fit.z for fit in fits])
-        moves.append(float(np.abs(fits[0].z - before).max()))
+        moved_sigmas = float(np.abs(fits[0].z - before).max())
     nominal, _ = _in_engine(
         experiment, config.robot, np.zeros_like(draws[:1]), "as drawn", listen, jobs
     )
     listen("leave one out", 0.0)
-    return Identified(
-        experiment, fits, robot, found, nominal, tuple(moves), _left_out(experiment, fits), rows
-    )
+    return Identified(experiment, fits, robot, found, nominal, _left_out(experiment, fits), rows)
 
 
 def _checked_draws(experiment: Experiment) -> FloatArray:
