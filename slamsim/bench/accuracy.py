@@ -12,6 +12,7 @@ from typing import cast
 
 import numpy as np
 
+from slamsim.bench import Figures
 from slamsim.bench.logs import Children, each_done, kept_or_temporary, simulated_log
 from slamsim.bench.truth import false_closures, revisits_closed
 from slamsim.config.loading import load_world_config
@@ -29,8 +30,6 @@ from slamsim.run.stages import Stages
 from slamsim.simulation.own_files import WORLD
 from slamsim.slam.session import run_slam
 from slamsim.world.build import build_world
-
-Figures = dict[str, object]
 
 
 @dataclass(frozen=True, slots=True)

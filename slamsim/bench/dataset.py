@@ -22,6 +22,7 @@ from typing import cast
 
 import numpy as np
 
+from slamsim.bench import Figures
 from slamsim.bench.logs import Children
 from slamsim.bench.speed import plain_rays, processor_s
 from slamsim.console.reporter import Reporter
@@ -47,8 +48,6 @@ from slamsim.sim.drive.route import plan_route
 from slamsim.sim.drive.run import DriveRun, bare_step_seconds
 from slamsim.sim.robot.model import build_robot
 from slamsim.world.build import build_world
-
-Figures = dict[str, object]
 
 START_SHARED_BY = 50
 """A worker makes at least so many sequences: each bears that share of its start."""

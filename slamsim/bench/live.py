@@ -22,6 +22,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
+from slamsim.bench import Figures
 from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
 from slamsim.core.types import PlanarTrajectory, Trajectory
@@ -38,7 +39,6 @@ from slamsim.run.live.serving import living
 from slamsim.run.live.world import live_config
 from slamsim.slam.session import run_slam
 
-Figures = dict[str, object]
 SECONDS = 60.0
 _SETTLED_S = 5.0
 """Left out at the beginning: clients connect."""

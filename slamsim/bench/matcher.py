@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from slamsim.bench import Figures
 from slamsim.bench.logs import simulation_of
 from slamsim.config.loading import load_world_config
 from slamsim.config.slam import FrontEndConfig, SlamConfig
@@ -106,8 +107,6 @@ def _within_a_class(rng: np.random.Generator, edges: Sequence[float], count: int
 def _class_of(edges: Sequence[float], value: float) -> int:
     return int(np.clip(np.searchsorted(edges, value, side="right") - 1, 0, len(edges) - 2))
 
-
-Figures = dict[str, object]
 
 SCANS = 60
 """So many scans of a log, evenly spread, are tried."""

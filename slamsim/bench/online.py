@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from slamsim.bench import Figures
 from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
 from slamsim.core.geometry import between, compose
@@ -39,7 +40,6 @@ from slamsim.slam.online.samples import MotionSamples
 from slamsim.slam.session import open_session
 from slamsim.world.build import build_world
 
-Figures = dict[str, object]
 STRETCH_M = 1000.0
 MOST_BEHIND = 20
 """The drive waits when the back end is so many key frames behind: a robot takes its time."""

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from slamsim.bench import Figures
 from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
 from slamsim.core.types import Drive, Float32Array, TriangleMesh
@@ -28,8 +29,6 @@ from slamsim.slam.mapping.grid import build_grid
 from slamsim.slam.session import run_slam
 from slamsim.world.build import build_world
 from slamsim.world.model import World
-
-Figures = dict[str, object]
 
 OTHER_PARTS = ("accuracy", "matcher", "online", "check", "dataset", "cameras")
 """What ``slamsim bench`` measures beside speed."""

@@ -8,6 +8,9 @@ from scipy import special
 
 from slamsim.core.types import FloatArray
 
+SIGMAS_PER_MEDIAN = 1.4826
+"""Standard deviation of a normal error over the median of its size."""
+
 
 def chi_square(share: float | FloatArray, freedom: float | FloatArray) -> FloatArray:
     """Below which a sum of ``freedom`` squared normal errors lies with this probability.

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamsim.cameras.lens import CameraModel
+from slamsim.core.quantiles import SIGMAS_PER_MEDIAN
 from slamsim.core.types import BoolArray, Float32Array, FloatArray, IntArray
 from slamsim.perception.twist import at_first_row
 
@@ -126,7 +127,7 @@ def noise_of(grey: Grey) -> float:
     (Immerkaer 1996, with the median)."""
     mask = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], dtype=np.float32)
     left = np.abs(cv2.filter2D(grey, cv2.CV_32F, mask))
-    return float(1.4826 * np.median(left) / 6.0)
+    return float(SIGMAS_PER_MEDIAN * np.median(left) / 6.0)
 
 
 def rays_xy_at(model: CameraModel, pixels: Pixels) -> FloatArray:

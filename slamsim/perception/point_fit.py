@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slamsim.core.quantiles import SIGMAS_PER_MEDIAN
 from slamsim.core.types import BoolArray, FloatArray, IntArray
 from slamsim.perception.tag_pose import moved
 from slamsim.perception.twist import swept_points
@@ -27,7 +28,6 @@ DEPTH_NOISE_PER_M = 0.0015
 (Khoshelham & Elberink 2012)."""
 LEAST_DEPTH_SIGMA_M = 0.001
 """Depth images hold millimetres."""
-MAD_TO_SIGMA = 1.4826
 BLOCKS = 4
 """So many columns and rows of blocks are cut of the image, whose errors count as independent."""
 SHARED_ERROR = 1.5
@@ -100,10 +100,10 @@ def fit_motion(
         pulls = np.einsum("nij,ni,n->nj", by_step, off, of_pixels)
         pulls += depth_by_step * (of_depths * np.where(known, off_m, 0.0))[:, None]
         T = moved(T, -np.asarray(np.linalg.solve(normal, pulls.sum(axis=0)), dtype=np.float64))
-        left_px = float(np.median(np.abs(off) / seen.vague[:, None])) * focal_px * MAD_TO_SIGMA
+        left_px = float(np.median(np.abs(off) / seen.vague[:, None])) * focal_px * SIGMAS_PER_MEDIAN
         pixel_sigma = max(left_px, LEAST_PIXEL_SIGMA)
         if known.any():
-            left = MAD_TO_SIGMA * float(np.median(np.abs(depths[known]))) * depth_factor
+            left = SIGMAS_PER_MEDIAN * float(np.median(np.abs(depths[known]))) * depth_factor
             depth_factor = max(left, 0.3)
     covariance = _covariance(normal, pulls, blocks_of(seen.rays_xy))
     turn = MODEL_PX / focal_px

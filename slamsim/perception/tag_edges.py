@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 
 from slamsim.cameras.lens import CameraModel
+from slamsim.core.quantiles import SIGMAS_PER_MEDIAN
 from slamsim.core.types import BoolArray, Float32Array, FloatArray
 
 ROUNDS = 3
@@ -297,7 +298,7 @@ def _fit_line(
         _, axes = np.linalg.eigh((apart * weights[:, None]).T @ apart)
         normal, along = axes[:, 0], axes[:, 1]
         off = apart @ normal
-        sigma = max(1.4826 * float(np.median(np.abs(off))), floor)
+        sigma = max(SIGMAS_PER_MEDIAN * float(np.median(np.abs(off))), floor)
         weights = 1.0 / np.maximum(1.0, np.abs(off) / (HUBER_SIGMAS * sigma))
     freedom = max(weights.sum() - 2.0, 1.0)
     variance = float((weights * off**2).sum() / freedom) + floor**2

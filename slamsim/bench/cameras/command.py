@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from slamsim.bench import Figures
 from slamsim.bench.cameras.halls import measure_tags
 from slamsim.bench.cameras.tags import measure_tag_nees
 from slamsim.bench.speed import processor_s
@@ -228,8 +229,6 @@ def _drive() -> Drive:
         wall_contact=np.zeros(count, dtype=np.bool_),
     )
 
-
-Figures = dict[str, object]
 
 WORLD, CAMERA = "gallery", "realsense_d435"
 """Textures as they are by default."""

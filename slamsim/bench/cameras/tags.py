@@ -10,6 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from slamsim.bench import Figures
 from slamsim.cameras.codecs.pictures import decode_picture
 from slamsim.config.loading import load_run_config
 from slamsim.config.run import RunConfig
@@ -31,8 +32,6 @@ from slamsim.sensors.motion import Motion
 from slamsim.world.build import build_world
 from slamsim.world.looks.build import build_looks
 from slamsim.world.looks.tags import Tag
-
-Figures = dict[str, object]
 
 WORLD, WORLDS, FIRST_SEED, VIEWS = "gallery", 20, 1000, 16
 """Constants of ``tag_edges`` were fitted on seeds below the first. Of each world so many views are

@@ -9,10 +9,10 @@ from typing import cast
 import numpy as np
 
 from slamsim.bench.check.outcome import CheckOutcome, Json, Measured
+from slamsim.core.quantiles import SIGMAS_PER_MEDIAN
 
 MOST_SIGMAS = 1.96
-SIGMAS_PER_MEDIAN = 1.4826
-"""Standard deviation of a normal error over the median of its size."""
+"""Of a normal error 95 % lie within so many."""
 
 
 def coverage(outcomes: Iterable[CheckOutcome]) -> dict[str, Json]:

@@ -11,6 +11,7 @@ from typing import cast
 
 import numpy as np
 
+from slamsim.bench import Figures
 from slamsim.bench.logs import Children
 from slamsim.bench.peers.base import ENTRIES, Peer, PeerEntry, PeerScan
 from slamsim.config.slam import SlamConfig
@@ -23,8 +24,6 @@ from slamsim.process.children import peak_memory_mb
 from slamsim.slam.frontend.deskew import deskew
 from slamsim.slam.frontend.motion import predict_motion
 from slamsim.slam.session import run_slam
-
-Figures = dict[str, object]
 
 LOST_M = 100.0
 """A peer this far from the truth, or that gives no finite pose, is lost."""

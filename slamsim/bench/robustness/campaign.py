@@ -11,8 +11,9 @@ from functools import partial
 from pathlib import Path
 from typing import cast
 
+from slamsim.bench import Figures
 from slamsim.bench.logs import keep_lines
-from slamsim.bench.robustness.case import LIMIT_S, Figures, run_case
+from slamsim.bench.robustness.case import LIMIT_S, run_case
 from slamsim.bench.robustness.conditions import Conditions, draw_conditions
 from slamsim.console.reporter import Reporter
 from slamsim.process.worker import Unworkable, WorkerDied, Workers

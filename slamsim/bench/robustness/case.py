@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from slamsim.bench import Figures
 from slamsim.bench.robustness.conditions import Conditions
 from slamsim.bench.robustness.disturbances import disturbed
 from slamsim.bench.truth import false_closures
@@ -26,8 +27,6 @@ from slamsim.process.worker import time_limit
 from slamsim.run.mapping import LEAST_USED
 from slamsim.simulation.simulate import Simulation, simulate
 from slamsim.slam.session import run_slam
-
-Figures = dict[str, object]
 
 LIMIT_S = 600.0
 """A case that takes longer is ended; the largest take a minute."""

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from slamsim.cameras.lens import CameraModel
+from slamsim.core.quantiles import SIGMAS_PER_MEDIAN
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.guard.numbers import solving
 from slamsim.perception.calibration.least_squares import Equations, weigh
@@ -110,7 +111,9 @@ class Rig:
 
     def learnt(self) -> Rig:
         """With the noise of each camera as the residuals have it."""
-        typical_px = [1.4826 * float(np.median(np.abs(off_px))) for off_px in self.residuals]
+        typical_px = [
+            SIGMAS_PER_MEDIAN * float(np.median(np.abs(off_px))) for off_px in self.residuals
+        ]
         return replace(self, noise_px=np.maximum(typical_px, LEAST_NOISE_PX))
 
     @cached_property
