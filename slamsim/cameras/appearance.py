@@ -7,22 +7,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from slamsim.core.types import BoolArray, Float32Array, FloatArray
+from slamsim.core.types import Float32Array, FloatArray, Occluded
 
 _GREY = 0.5
 _LEAST_LIT = 0.3
 """Albedo of a world without looks, and the light on a surface that is turned away."""
-
-
-class Occluded(Protocol):
-    """Whether anything lies between."""
-
-    def __call__(
-        self, origins_m: FloatArray, directions: Float32Array, distances_m: Float32Array
-    ) -> BoolArray:
-        """(n,) whether rays from (n, 3) points of the map frame along (n, 3) unit directions meet
-        anything within (n,) distances."""
-        ...
 
 
 class Appearance(Protocol):

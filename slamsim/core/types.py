@@ -18,7 +18,7 @@ no stage has to ask again, and none can pass on what it must not.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,7 @@ __all__ = [
     "ImuStream",
     "IntArray",
     "Log",
+    "Occluded",
     "OutsideTimeRange",
     "PlanarPoses",
     "PlanarTrajectory",
@@ -148,6 +149,17 @@ class TriangleMesh:
         numbers.require_finite("the vertices of a mesh", self.vertices_m, (None, 3))
         numbers.require_array("the triangles of a mesh", self.triangles, (None, 3), "i")
         numbers.require_indices("a triangle of a mesh", self.triangles, len(self.vertices_m))
+
+
+class Occluded(Protocol):
+    """Whether anything lies between."""
+
+    def __call__(
+        self, origins_m: FloatArray, directions: Float32Array, distances_m: Float32Array
+    ) -> BoolArray:
+        """(n,) whether rays from (n, 3) points of the map frame along (n, 3) unit directions meet
+        anything within (n,) distances."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -22,7 +22,7 @@ from slamsim.process.module_process import ModuleProcess, answers
 from slamsim.process.pipe import Ended, packed, read_message
 from slamsim.sim.drive.legs import Route
 from slamsim.sim.drive.record import START_NS
-from slamsim.sim.drive.run import DriveOutcome, DriveRun
+from slamsim.sim.drive.run import DriveOutcome, DriveRun, Driving
 from slamsim.sim.robot.model import RobotModel
 
 if TYPE_CHECKING:
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 _Order = tuple["World", RobotModel, Route, DriveConfig]
 
 
-class DriveProcess:
+class DriveProcess(Driving):
     """A process that waits for a drive; a context manager, so that it never outlives its use.
 
     It loads its libraries while the caller still builds the world.
@@ -39,20 +39,12 @@ class DriveProcess:
 
     def __init__(self) -> None:
         self._child = ModuleProcess("slamsim.sim.drive.process")
-        self._outcome: DriveOutcome | None = None
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *error: object) -> None:
         self._child.end()
-
-    @property
-    def outcome(self) -> DriveOutcome:
-        """Raises RuntimeError until the last window has been taken."""
-        if self._outcome is None:
-            raise RuntimeError("the outcome of a drive is known once its last window was taken")
-        return self._outcome
 
     def drive(
         self,

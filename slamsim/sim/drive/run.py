@@ -40,7 +40,20 @@ class DriveOutcome:
     path_length_m: float
 
 
-class DriveRun:
+class Driving:
+    """A drive whose outcome is known in the end."""
+
+    _outcome: DriveOutcome | None = None
+
+    @property
+    def outcome(self) -> DriveOutcome:
+        """Raises RuntimeError until the last window has been taken."""
+        if self._outcome is None:
+            raise RuntimeError("the outcome of a drive is known once its last window was taken")
+        return self._outcome
+
+
+class DriveRun(Driving):
     """A drive along a route: windows of motion, consecutive and without overlap.
 
     Each iteration drives anew, identically. The physics runs while the windows are taken, so that
@@ -59,14 +72,6 @@ class DriveRun:
     ) -> None:
         self._world, self._robot, self._route = world, robot, route
         self._config, self._progress = config, progress
-        self._outcome: DriveOutcome | None = None
-
-    @property
-    def outcome(self) -> DriveOutcome:
-        """Raises RuntimeError until the last window has been taken."""
-        if self._outcome is None:
-            raise RuntimeError("the outcome of a drive is known once its last window was taken")
-        return self._outcome
 
     def __iter__(self) -> Iterator[Drive]:
         self._outcome = None

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slamsim.config.layout import LooksConfig
 from slamsim.core.randomness import random_bits, random_stream
-from slamsim.core.types import BoolArray, Float32Array, FloatArray, Grid, IntArray, TriangleMesh
+from slamsim.core.types import Float32Array, FloatArray, Grid, IntArray, Occluded, TriangleMesh
 from slamsim.guard.numbers import BadNumbers, require_array
 from slamsim.world.looks.decals import Decal, decal_table
 from slamsim.world.looks.families import draw_finish
@@ -125,17 +125,6 @@ def _free(world: World) -> Grid:
 LIFT_M = 1e-3
 """Rays to lamps begin so far above a surface, and end so far before the lamp: single precision
 puts points within some 0.01 mm of the surface, and no wall is as thin."""
-
-
-class Occluded(Protocol):
-    """Whether anything lies between."""
-
-    def __call__(
-        self, origins_m: FloatArray, directions: Float32Array, distances_m: Float32Array
-    ) -> BoolArray:
-        """(n,) whether rays from (n, 3) points of the map frame along (n, 3) unit directions meet
-        anything within (n,) distances."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
