@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -90,10 +91,15 @@ def true_images(messages: dict[str, list[bytes]], imager: str, what: str) -> lis
     return [pixels(m, *kinds[what]) for m in decoded(messages, topic, "sensor_msgs/msg/Image")]
 
 
+@cache
+def _room_bounds() -> tuple[FloatArray, FloatArray]:
+    vertices = room().vertices_m
+    return vertices.min(axis=0), vertices.max(axis=0)
+
+
 def room_depth(origin_m: FloatArray, toward: FloatArray) -> float:
     """How often a direction fits in before a wall or the floor of ``room()``; inf over these."""
-    vertices = room().vertices_m
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    low, high = _room_bounds()
     nearest = float("inf")
     for axis, level in [(0, low[0]), (0, high[0]), (1, low[1]), (1, high[1]), (2, 0.0)]:
         steps = (level - origin_m[axis]) / toward[axis] if toward[axis] else -1.0

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import cv2
 import trimesh
-from fault_paths import Action, Reference, Scene, attempt, ways
+from fault_paths import Action, Reference, Scene, attempt, ways, written
 from test_world_import import ROOM, write_map
 
 from slamsim.config.loading import load_run_config, load_world_config
@@ -19,18 +19,13 @@ from slamsim.world.build import build_world
 from slamsim.world.map_server import read_map
 
 
-def _written(path: Path, text: str) -> str:
-    path.write_text(text)
-    return str(path)
-
-
 def _stl(folder: Path, name: str = "box.stl") -> Path:
     trimesh.creation.box((4.0, 4.0, 1.0)).export(folder / name)
     return folder / name
 
 
 def _world(text: str, scene: Scene) -> Action:
-    path = _written(scene.inputs / "world.yaml", text)
+    path = written(scene.inputs / "world.yaml", text)
     return lambda: build_world(load_world_config(path), 0)
 
 
@@ -63,8 +58,8 @@ def _(scene: Scene) -> Action:
 
 @ways("the description of a robot", "relative", "absolute", "link")
 def _(scene: Scene, way: Reference) -> Action:
-    _written(scene.outside / "r.urdf", build_robot(RobotConfig()).urdf)
-    path = _written(scene.inputs / "run.yaml", f"robot: {{urdf_file: '{way(scene, 'r.urdf')}'}}\n")
+    written(scene.outside / "r.urdf", build_robot(RobotConfig()).urdf)
+    path = written(scene.inputs / "run.yaml", f"robot: {{urdf_file: '{way(scene, 'r.urdf')}'}}\n")
     return lambda: build_robot(load_run_config(None, path).robot)
 
 
@@ -110,7 +105,7 @@ def _box_obj(lines: str) -> str:
 def _(scene: Scene, way: Reference) -> Action:
     (scene.outside / "m.mtl").write_text("newmtl a\nKd 1 0 0\n")
     text = _box_obj(f"mtllib {way(scene, 'm.mtl')}\nusemtl a\n")
-    path = _written(scene.inputs / "box.obj", text)
+    path = written(scene.inputs / "box.obj", text)
     return lambda: build_world(load_world_config(path), 0)
 
 
@@ -118,7 +113,7 @@ def _(scene: Scene, way: Reference) -> Action:
 def _(scene: Scene, way: Reference) -> Action:
     cv2.imwrite(str(scene.outside / "t.png"), ROOM)
     (scene.inputs / "m.mtl").write_text(f"newmtl a\nmap_Kd {way(scene, 't.png')}\n")
-    path = _written(scene.inputs / "box.obj", _box_obj("mtllib m.mtl\nusemtl a\n"))
+    path = written(scene.inputs / "box.obj", _box_obj("mtllib m.mtl\nusemtl a\n"))
     return lambda: build_world(load_world_config(path), 0)
 
 
@@ -139,7 +134,7 @@ def _(scene: Scene, way: Reference) -> Action:
     )
     points = "0 0 0 0 0\n4 0 0 1 0\n0 4 0 0 1\n0 0 2 1 1\n"
     faces = "3 0 2 1\n3 0 1 3\n3 0 3 2\n3 1 2 3\n"
-    path = _written(scene.inputs / "box.ply", f"{header}\n{points}{faces}")
+    path = written(scene.inputs / "box.ply", f"{header}\n{points}{faces}")
     return lambda: build_world(load_world_config(path), 0)
 
 

@@ -30,6 +30,12 @@ _OPENED = 0x20 | 0x01 | 0x02 | 0x100 | 0x40 | 0x80 | 0x200  # also read, changed
 _FILE_EVENTS = frozenset(("open", "os.listdir", "os.scandir", "os.rename", "os.remove", "os.mkdir"))
 
 
+def written(path: Path, text: str) -> str:
+    """The path of a file that holds this text now."""
+    path.write_text(text)
+    return str(path)
+
+
 @dataclass(frozen=True, slots=True)
 class Scene:
     """Folders side by side: what came from somebody, what is none of their business, ours.

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from camera_example import room_depth
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
@@ -18,7 +19,6 @@ from sensing_example import Robot, figure_eight, room, standing, windows
 from slamsim.config.loading import load_run_config
 from slamsim.config.sensors import SensorsConfig
 from slamsim.core.geometry import mount_transform
-from slamsim.core.types import FloatArray
 from slamsim.guard.errors import OverrideRefused, SlamsimError
 from slamsim.io.ros.encoding import stream_messages
 from slamsim.recording.images import RawCameraInfos, RawImages
@@ -82,8 +82,6 @@ def test_depths_are_those_of_planes_met_by_hand() -> None:
     batch = rig.sense(standing(0.2)).additional[0]
     assert isinstance(batch, DepthBatch)
     entry, T_base_camera = batch.entry, mount_transform(CONFIG.additional[0].mount)
-    vertices = room().vertices_m
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
     base = standing(0.2).positions_m[0]
     wrong = 0
     for row in range(entry.height):
@@ -91,26 +89,12 @@ def test_depths_are_those_of_planes_met_by_hand() -> None:
             right = (column - 0.5 * (entry.width - 1)) / entry.focal_px
             down = (row - 0.5 * (entry.height - 1)) / entry.focal_px
             toward = T_base_camera[:3, :3] @ np.array([1.0, -right, -down])
-            depth = _first_plane(base + T_base_camera[:3, 3], toward, low, high)
+            depth = room_depth(base + T_base_camera[:3, 3], toward)
             told = float(batch.depths_mm[0, row, column]) * 1e-3
             inside = entry.depth_min_m <= depth <= entry.depth_max_m
             wrong += abs(told - (depth if inside else 0.0)) > 6e-4
     assert batch.depths_mm[0].max() > 500
     assert wrong == 0
-
-
-def _first_plane(
-    origin: FloatArray, toward: FloatArray, low: FloatArray, high: FloatArray
-) -> float:
-    """How often the direction fits in before a wall of the box or the floor; inf over the walls."""
-    nearest = float("inf")
-    for axis, level in [(0, low[0]), (0, high[0]), (1, low[1]), (1, high[1]), (2, 0.0)]:
-        steps = (level - origin[axis]) / toward[axis] if toward[axis] else -1.0
-        hit = origin + steps * toward
-        within = axis == 2 or low[2] <= hit[2] <= high[2]
-        if 0.0 < steps < nearest and within:
-            nearest = float(steps)
-    return nearest
 
 
 def test_messages_are_what_rosbags_reads() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import shapely
-from drive_worlds import hall, walls_around, world_of
+from drive_worlds import hall, line_of, walls_around, world_of
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -17,7 +17,6 @@ from slamsim.config.layout import MazeLayout
 from slamsim.config.loading import load_run_config
 from slamsim.config.robot import RobotConfig
 from slamsim.config.world import WorldConfig
-from slamsim.core.types import FloatArray
 from slamsim.guard.errors import InputRefused
 from slamsim.sim.drive.legs import Route
 from slamsim.sim.drive.route import plan_route
@@ -39,12 +38,10 @@ def _goals(seed: int | None = None, **limits: float) -> DriveConfig:
     return DriveConfig(route=RouteConfig(kind="random_goals", seed=seed, **limits))  # type: ignore[arg-type]
 
 
-def _line(route: Route) -> FloatArray:
-    return np.vstack([leg.points_m for leg in route.legs])
-
-
 def _same(one: Route, other: Route) -> bool:
-    return _line(one).shape == _line(other).shape and bool(np.all(_line(one) == _line(other)))
+    return line_of(one).shape == line_of(other).shape and bool(
+        np.all(line_of(one) == line_of(other))
+    )
 
 
 @settings(max_examples=8)
@@ -53,7 +50,7 @@ def _same(one: Route, other: Route) -> bool:
 def test_random_goals_keep_clear_of_walls_and_join(world_seed: int, seed: int) -> None:
     world = build_world(WorldConfig(maze=MazeLayout(rows=3, columns=3)), world_seed)
     route = plan_route(world, ROBOT, _goals(seed, max_duration_s=60.0))
-    line = _line(route)
+    line = line_of(route)
     prisms = world.solids.prisms  # type: ignore[attr-defined]
     low = [prism.footprint for prism in prisms if prism.z_min_m <= ROBOT.height_m]  # not table tops
     solid = shapely.union_all(low)
@@ -75,7 +72,7 @@ def test_goals_depend_on_the_seed_of_the_route_else_on_the_worlds() -> None:
 
 def test_a_longer_drive_begins_as_the_shorter_one() -> None:
     short, long = (
-        _line(plan_route(_room(), ROBOT, _goals(5, max_path_length_m=length)))
+        line_of(plan_route(_room(), ROBOT, _goals(5, max_path_length_m=length)))
         for length in (5.0, 12.0)
     )
     # The last bend of the shorter way knows nothing of what comes after it.

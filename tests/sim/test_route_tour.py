@@ -7,7 +7,7 @@ from itertools import permutations
 
 import numpy as np
 import pytest
-from drive_worlds import hall, walls_around, world_of
+from drive_worlds import hall, line_of, walls_around, world_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse import csgraph, csr_array
@@ -19,7 +19,7 @@ from slamsim.config.robot import RobotConfig
 from slamsim.config.world import WorldConfig
 from slamsim.core.types import FloatArray
 from slamsim.guard.errors import SlamsimError
-from slamsim.sim.drive.legs import Route, curvature_1_m, speed_profile
+from slamsim.sim.drive.legs import curvature_1_m, speed_profile
 from slamsim.sim.drive.route import plan_route
 from slamsim.sim.drive.smooth import resample, smooth_path
 from slamsim.sim.drive.space import Space, connect_places, free_space, narrowest_on_the_way_m
@@ -30,10 +30,6 @@ from slamsim.world.model import World
 
 ROBOT = build_robot(RobotConfig())
 NEEDED_M = ROBOT.footprint_radius_m + RouteConfig().clearance_m
-
-
-def _line(route: Route) -> FloatArray:
-    return np.vstack([leg.points_m for leg in route.legs])
 
 
 def _distance_to_blocks_m(world: World, points_m: FloatArray) -> FloatArray:
@@ -50,7 +46,7 @@ def test_a_tour_passes_everywhere_with_room_and_comes_back(seed: int, algorithm:
     layout = MazeLayout(rows=4, columns=4, algorithm=algorithm)  # type: ignore[arg-type]
     world = build_world(WorldConfig(maze=layout), seed)
     route = plan_route(world, ROBOT, DriveConfig())
-    line = _line(route)
+    line = line_of(route)
     assert np.max(cKDTree(line).query(world.visit_points_m)[0]) < 0.4
     np.testing.assert_allclose(line[[0, -1]], [world.start_pose[:2]] * 2, atol=0.05)
     joints = [
@@ -64,7 +60,7 @@ def test_a_tour_passes_everywhere_with_room_and_comes_back(seed: int, algorithm:
 
 def test_the_path_keeps_to_the_middle_where_there_is_room() -> None:
     world = world_of(walls_around(0, 0, 10, 2), [(9.0, 1.0)], start=(1.0, 1.0, 0.0))
-    line = _line(plan_route(world, ROBOT, DriveConfig()))
+    line = line_of(plan_route(world, ROBOT, DriveConfig()))
     assert np.abs(line[:, 1] - 1.0).max() < 0.05
 
 
@@ -92,7 +88,7 @@ def test_a_way_that_the_world_promises_is_found_however_cells_lie(
     blocks = [*walls_around(0, 0, 6, 3), (2.0, 0.0, 3.0, low_m, 0.5), (2.0, high_m, 3.0, 3.0, 0.5)]
     world = replace(world_of(blocks, [(5.0, 1.5)], start=(1.0, 1.5, 0.0)), clearance_m=wide_m)
     route = plan_route(world, ROBOT, DriveConfig())
-    assert _distance_to_blocks_m(world, _line(route)).min() >= NEEDED_M - 1e-6
+    assert _distance_to_blocks_m(world, line_of(route)).min() >= NEEDED_M - 1e-6
 
 
 def test_a_start_without_room_is_refused() -> None:

@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 
+from slamsim.core.types import FloatArray
+from slamsim.sim.drive.legs import Route
 from slamsim.world.model import FloorPatch, World
 from slamsim.world.parts import Parts
 from slamsim.world.prism import Prism, PrismSolids, prism_mesh
@@ -60,3 +62,8 @@ def hall(half_m: float = 6.0, **kwargs: object) -> World:
     """A square room about the origin."""
     blocks = walls_around(-half_m, -half_m, half_m, half_m)
     return world_of(blocks, **kwargs)  # type: ignore[arg-type]
+
+
+def line_of(route: Route) -> FloatArray:
+    """(n, 2) the points of all legs of a route, one after the other."""
+    return np.vstack([leg.points_m for leg in route.legs])
