@@ -90,6 +90,20 @@ def test_a_verdict_follows_from_the_numbers_in_the_json(robot: Robot, check: str
     assert JSON_VERDICTS[decide(size, told["limit"])] == told["verdict"]
 
 
+@pytest.mark.parametrize("track_m", [0.25, 0.35, 0.45])
+def test_unequal_wheels_of_an_odometry_move_no_laser(track_m: float) -> None:
+    """Poses do not tell the track, by which unequal wheels drive forward in turns."""
+    inputs = Robot().inputs()
+    assert inputs.wheels is not None
+    path_m, turn_rad = inputs.wheels.totals.T
+    larger = 0.08
+    believed = np.column_stack(
+        [path_m + 0.25 * larger * track_m * turn_rad, turn_rad + larger * path_m / track_m]
+    )
+    poses = replace(inputs.wheels, totals=believed, track_m=0.0)
+    assert named(replace(inputs, wheels=poses)) == {"wheel_radius"}
+
+
 @pytest.mark.parametrize(("robot", "expected"), FAULTS)
 def test_one_fault_has_one_name(robot: Robot, expected: set[str]) -> None:
     assert named(robot.inputs()) == expected

@@ -12,7 +12,9 @@ from slamsim.check.calibration.model import (
     GYRO_DRIFT,
     GYRO_GAIN,
     LASER,
+    LASER_Y,
     LASER_YAW,
+    LEVER_UNSURE,
     PATH_GAIN,
     SLIP_SIGMAS,
     TURN_GAIN,
@@ -68,8 +70,14 @@ class Calibration:
 
     @property
     def covariance(self) -> FloatArray:
-        """(p, p) with what no fit can know."""
-        return np.asarray(self.fit.covariance + np.diag(np.square(SLIP_SIGMAS)))
+        """(p, p) with what no fit can know: how tyres give, and of poses by what lever unequal
+        wheels drive forward in turns, as a laser does that sits to the side."""
+        unknown = SLIP_SIGMAS.copy()
+        wheels = self.model.wheels
+        if wheels is not None and not wheels.wired:
+            forward_m_rad = LEVER_UNSURE * wheels.lever_m2 * self.value("curvature_rad_m")
+            unknown[LASER_Y] = np.hypot(unknown[LASER_Y], forward_m_rad)
+        return np.asarray(self.fit.covariance + np.diag(np.square(unknown)))
 
     def offset(self, stream: str, at_s: float = 0.0) -> tuple[float, float, float]:
         """Stamp less the lidar's stamp of the same instant, s: value, sigma, Cramer-Rao bound.

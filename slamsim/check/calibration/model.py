@@ -53,8 +53,8 @@ LEAST_TIME_STEP_S, TIME_STEP_PERIODS = 0.02, 2.0
 """Of differences in time: so far apart that the errors of a stream's own readings are others. A
 slope that shares them with the residual would see a delay where nothing turns."""
 
-USUAL_TRACK_M = 0.35
-"""Of robots indoors, where poses do not tell it."""
+LEVER_UNSURE = 0.5
+"""Standard deviation of the lever of unequal wheels on a track that poses do not tell, a share."""
 
 LEAST_ROLLED, MOST_ROLLED = 0.1, 0.95
 """Share of the usual error that is left in a step that hardly rolls: stamps scatter, tyres spring
@@ -102,8 +102,7 @@ class Model:
             return np.ones(len(self.steps))
         start_s, end_s = self._times(self._wheel_s, 0.0, 0.0)
         path_m, turn_rad = np.abs(self.wheels.at(end_s) - self.wheels.at(start_s)).T
-        half_m = 0.5 * (self.wheels.track_m or USUAL_TRACK_M)
-        rolled_m = np.maximum(path_m, half_m * turn_rad)
+        rolled_m = np.maximum(path_m, 0.5 * self.wheels.likely_track_m * turn_rad)
         rolls = rolled_m > LEAST_ROLLED * np.quantile(rolled_m, MOST_ROLLED)
         if not rolls.any():
             return np.ones(len(self.steps))

@@ -42,6 +42,10 @@ USUAL_TIMES = 10.0
 """Nor does any robot make a step this many times as fast as nine tenths of its steps are."""
 
 
+USUAL_TRACK_M = 0.35
+"""Of robots indoors, where poses do not tell it: most have 0.2 to 0.5 m."""
+
+
 @dataclass(frozen=True, slots=False, eq=False)
 class IntegratedMotion:
     """Motion of one stream, integrated from its start, by its own clock.
@@ -73,7 +77,12 @@ class IntegratedMotion:
     @property
     def lever_m2(self) -> float:
         """How far unequal wheels drive forward per radian and curvature of theirs."""
-        return lever_m2(self.track_m)
+        return lever_m2(self.likely_track_m)
+
+    @property
+    def likely_track_m(self) -> float:
+        """Of poses, which do not tell it, the usual one."""
+        return self.track_m or USUAL_TRACK_M
 
     @property
     def origin_ns(self) -> int:
