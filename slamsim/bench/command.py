@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Self
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Self
 import typer
 
 from slamsim.console.options import ConfigFile, Json, Quiet, Set
+from slamsim.guard.errors import OverrideRefused, SlamsimError
 
 if TYPE_CHECKING:
     from slamsim.config.run import RunConfig
@@ -60,6 +61,53 @@ class _Asked:
     def or_standard(self) -> Self:
         """With the standard setting if neither a world nor a configuration was named."""
         return self if self.world or self.config else replace(self, config=STANDARD)
+
+
+_DRIVE = ("--set", "--config", "--seed", "--world", "--seconds", "--path")
+_SPEED = (*_DRIVE, "--repeats")
+_CHECK = ("--seed", "--seeds", "--seconds", "--clean", "--faults", "--workers", "--logs")
+USED: Mapping[str, Sequence[str]] = {
+    **dict.fromkeys(("all", "sense", "drive", "simulate", "slam"), _SPEED),
+    "slam --peers": (*_DRIVE, "--peers", "--logs"),
+    "accuracy": (*_DRIVE, "--seeds", "--workers", "--logs", "--bound"),
+    "matcher": (*_DRIVE, "--recording", "--logs"),
+    "check": (*_CHECK, "--pairs", "--curves", "--long", "--recording"),
+    "check --independent": (*_CHECK, "--independent", "--pairs", "--mutations", "--fix"),
+    "check --cameras": (*_CHECK, "--cameras"),
+    "dataset": ("--config", "--seeds"),
+    "robustness": ("--seed", "--cases", "--only", "--workers", "--logs"),
+    "online": ("--set", "--config", "--seed", "--world", "--path"),
+    "live": ("--set", "--config", "--seed", "--world", "--seconds"),
+    "cameras": _DRIVE,
+}
+"""Which options each part looks at, beside --quiet and --json, which all do."""
+
+_SWITCHES = ("--peers", "--independent", "--cameras")
+"""Options that make another part of one."""
+
+
+def require_used(part: str, given: Collection[str]) -> None:
+    """Raise SlamsimError for a part that there is not, OverrideRefused for an option that it does
+    not look at: whoever gives it expects another measurement. given: names of options."""
+    if part not in USED:
+        known = ", ".join(name for name in USED if " " not in name)
+        raise SlamsimError(f"there is no bench {part!r}; choose from {known}")
+    switched = (f"{part} {option}" for option in _SWITCHES if option in given)
+    variant = next((name for name in switched if name in USED), part)
+    for option in given:
+        if option not in (*USED[variant], "--quiet", "--json"):
+            used = ", ".join(USED[variant])
+            raise OverrideRefused(option, f"bench {variant} does not use it; it uses {used}")
+
+
+def _given(context: typer.Context) -> list[str]:
+    """The first name of each option that was typed."""
+    names = []
+    for parameter in context.command.params:
+        source = context.get_parameter_source(parameter.name or "")
+        if source is not None and source.name == "COMMANDLINE":
+            names.append(parameter.opts[0])
+    return [name for name in names if name.startswith("--")]
 
 
 Part = Annotated[
@@ -137,6 +185,7 @@ Pairs = Annotated[int, typer.Option(help="Check: random pairs of faults a drive.
 
 
 def bench(
+    context: typer.Context,
     part: Part = "all",
     world: World = None,
     seconds: Seconds = None,
@@ -169,6 +218,7 @@ def bench(
     from slamsim.console.reporter import Reporter
     from slamsim.guard.replaceable import require_apart
 
+    require_used(part, _given(context))
     reporter = Reporter(quiet=quiet, as_json=as_json)
     require_apart((logs,), (recording,))
     asked = _Asked(world, config, tuple(set_ or ()), seed, seconds, path, reporter)
@@ -181,11 +231,7 @@ def bench(
     elif part == "live":
         _live(asked)
     elif part == "check" and cameras:
-        from slamsim.bench.cameras.faults import run_camera_check
-
-        first = FIRST_SEED if seed is None else seed
-        drives, more = range(first, first + seeds), range(first + seeds, first + seeds + clean)
-        reporter.result(run_camera_check(drives, more, seconds, logs, reporter))
+        _check_cameras(asked, seeds, clean, faults, workers, logs)
     elif part == "check":
         from slamsim.bench.check.asked import CheckAsked, run_check
 
@@ -237,6 +283,26 @@ def _matcher(asked: _Asked, recording: Path | None, logs: Path | None) -> None:
         "Home from, %: plain/with search", basin_rows(measured.plain, measured.searched)
     )
     _show("Single matches", asdict(measured), asked)
+
+
+def _check_cameras(
+    asked: _Asked, seeds: int, clean: int, typed: str | None, workers: int, logs: Path | None
+) -> None:
+    from slamsim.bench.cameras.faults import SECONDS, CameraCampaign, run_camera_check, typed_faults
+
+    first = FIRST_SEED if asked.seed is None else asked.seed
+    campaign = CameraCampaign(
+        range(first, first + seeds),
+        range(first + seeds, first + seeds + clean),
+        None if typed is None else typed_faults(typed),
+        asked.seconds or SECONDS,
+        workers,
+        logs,
+    )
+    figures = run_camera_check(campaign, asked.reporter)
+    asked.reporter.result(figures)
+    if figures["failed"]:
+        raise SlamsimError(f"{figures['failed']} of {len(campaign.drives())} drives failed")
 
 
 def _cameras(asked: _Asked) -> None:

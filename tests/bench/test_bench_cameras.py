@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,16 +11,18 @@ import pytest
 from slamsim.bench.cameras.command import flow_error_px
 from slamsim.bench.cameras.faults import (
     FAULTS,
+    CameraCampaign,
     CameraTrial,
     faults_of,
     run_camera_check,
     summary,
+    typed_faults,
 )
 from slamsim.bench.cameras.halls import TAGS, ate_m, hall, mapped
 from slamsim.bench.logs import Children
 from slamsim.console.reporter import Reporter
 from slamsim.core.landmarks import NO_TAGS
-from slamsim.guard.errors import InputRefused
+from slamsim.guard.errors import OverrideRefused
 from slamsim.sensors.faults.registry import load_fault
 
 
@@ -69,13 +72,23 @@ def test_a_drive_whose_log_is_kept_is_not_rendered_again(
         """In this process, which has loaded its libraries."""
 
         def run(self, work: Any, *arguments: Any, **keywords: Any) -> Any:
-            rendered.append(arguments[1])
+            if work.__name__ == "_simulate":
+                rendered.append(arguments[1])
             return work(*arguments, **keywords)
 
-    monkeypatch.setattr("slamsim.bench.cameras.faults.Children", Here)
-    quiet = Reporter(quiet=True)
-    first, again = (run_camera_check((), (4,), 5.0, tmp_path, quiet) for _ in range(2))
+    monkeypatch.setattr("slamsim.bench.logs.Children", Here)
+    campaign, quiet = CameraCampaign((), (4,), seconds=5.0, kept=tmp_path), Reporter(quiet=True)
+    first, again = (run_camera_check(campaign, quiet) for _ in range(2))
     assert len(rendered) == 1 and rendered[0].is_dir()
     assert first == again and first["camera_clean"] == 1
-    with pytest.raises(InputRefused, match=r"another drive\.route\.max_duration_s"):
-        run_camera_check((), (4,), 6.0, tmp_path, quiet)
+    other = run_camera_check(replace(campaign, seconds=6.0), quiet)
+    assert other["failed"] == 1 and other["camera_clean"] == 0
+    assert "another drive.route.max_duration_s" in str(other["failures"])
+
+
+def test_faults_that_are_typed_are_put_into_each_drive() -> None:
+    campaign = CameraCampaign((7, 8), (9,), typed_faults("camera_late:0.2,depth_unit"))
+    two = (("camera_late", 0.2), ("depth_unit", None))
+    assert campaign.drives() == [(7, two), (8, two), (9, ())]
+    with pytest.raises(OverrideRefused, match=r"lidar_late: is none of cameras.*camera_frozen"):
+        typed_faults("camera_late,lidar_late")

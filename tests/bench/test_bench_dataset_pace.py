@@ -9,10 +9,11 @@ from typing import Self
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from typer.testing import CliRunner
 
 from slamsim.bench import dataset
-from slamsim.bench.command import bench
 from slamsim.bench.dataset import Made, Pace, settled_pace
+from slamsim.cli.main import app
 from slamsim.guard.errors import SlamsimError
 
 workers = st.lists(
@@ -55,7 +56,7 @@ class _Here:
 
 @pytest.mark.parametrize("fails", [False, True])
 def test_what_was_measured_is_told_without_dask_and_when_the_rest_fails(
-    fails: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    fails: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def pace(*arguments: object) -> Pace:
         if fails:
@@ -66,12 +67,9 @@ def test_what_was_measured_is_told_without_dask_and_when_the_rest_fails(
     monkeypatch.setattr(dataset, "Children", _Here)
     monkeypatch.setattr(dataset, "bare_scaling", lambda children, count: 1.9)
     monkeypatch.setattr(dataset, "pace", pace)
-    if fails:
-        with pytest.raises(SlamsimError, match="fewer than two"):
-            bench("dataset", seeds=2, as_json=True)
-    else:
-        bench("dataset", seeds=2, as_json=True)
-    told = json.loads(capsys.readouterr().out)
+    done = CliRunner().invoke(app, ["bench", "dataset", "--seeds", "2", "--json"])
+    assert ("fewer than two" in str(done.exception)) if fails else (done.exit_code == 0)
+    told = json.loads(done.stdout)
     assert told["one_core"] == {"cpu_s_per_sequence": 7.0}
     assert ("sequences_per_s" in told) is not fails
     assert "dask_time_over_local" not in told

@@ -7,25 +7,31 @@ as ``slamsim fault`` does, in a copy of it only where pixels change.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from slamsim.bench.logs import Children, kept_or_temporary, simulated_log
+from slamsim.bench.logs import Children, each_done, kept_or_temporary, simulated_log
 from slamsim.check.check import check_recording
-from slamsim.config.faults import FaultChoice
+from slamsim.config.faults import FaultChoice, typed_choices
 from slamsim.config.loading import load_run_config
 from slamsim.config.run import RunConfig
 from slamsim.console.reporter import Reporter
 from slamsim.core.randomness import random_stream
+from slamsim.guard.errors import OverrideRefused, SlamsimError
 from slamsim.io import LOG
 from slamsim.io.cameras.survey import read_with_cameras
 from slamsim.recording import Recording
 from slamsim.run.fixing import inject_faults
+from slamsim.sensors.faults.cameras import CameraFault
 from slamsim.sensors.faults.registry import chosen_fault, injected, load_fault
 
-FAULTS: Sequence[tuple[str, float | None]] = (
+Fault = tuple[str, float | None]
+"""Name and size, None for the one that is clearly harmful."""
+
+FAULTS: Sequence[Fault] = (
     *(("camera_late", 0.05), ("camera_late", 0.1), ("camera_late", -0.1), ("camera_late", 0.3)),
     *(("depth_late", 0.03), ("depth_late", 0.04), ("depth_late", -0.045)),
     *(("camera_info_size", 2.0), ("camera_info_size", 0.5)),
@@ -105,34 +111,67 @@ def random_scenario(seed: int, seconds: float, preset: str = "") -> CameraScenar
     return CameraScenario(seed, world, name, load_run_config(world, None, overrides, seed))
 
 
-def run_camera_check(
-    seeds: Sequence[int],
-    clean_seeds: Sequence[int],
-    seconds: float | None,
-    kept: Path | None,
-    reporter: Reporter,
-) -> dict[str, object]:
-    """Shares and false alarms over all of them, each told as it is done.
+@dataclass(frozen=True, slots=True)
+class CameraCampaign:
+    """What to run: of each of ``seeds`` the healthy recording and six or seven of ``FAULTS``, turn
+    by turn, or all of ``faults``; of ``clean_seeds`` the healthy one alone.
 
-    Of each of ``seeds`` six or seven of the faults, turn by turn, and the healthy recording; of
-    ``clean_seeds`` the healthy one alone. kept: folder of simulated logs, as ``simulated_log``
-    keeps and finds them; None for none that outlives its trials.
+    workers: drives at a time. kept: folder of simulated logs, as ``simulated_log`` keeps and finds
+    them; None for none that outlives its trials.
     """
+
+    seeds: Sequence[int]
+    clean_seeds: Sequence[int] = ()
+    faults: Sequence[Fault] | None = None
+    seconds: float = SECONDS
+    workers: int = 1
+    kept: Path | None = None
+
+    def drives(self) -> list[tuple[int, Sequence[Fault]]]:
+        """The seed of each drive, and which faults its recording gets."""
+        own = self.faults
+        faulty = [(s, faults_of(i) if own is None else own) for i, s in enumerate(self.seeds)]
+        return [*faulty, *((seed, ()) for seed in self.clean_seeds)]
+
+
+def run_camera_check(campaign: CameraCampaign, reporter: Reporter) -> dict[str, object]:
+    """Shares and false alarms over all drives, each told as it is done; one that fails is told and
+    counted."""
     trials: list[CameraTrial] = []
-    runs = [(s, faults_of(i)) for i, s in enumerate(seeds)] + [(s, ()) for s in clean_seeds]
-    count = sum(1 + len(faults) for _, faults in runs)
-    with Children() as children, reporter.stage("cameras", "recordings") as progress:
-        for seed, faults in runs:
-            for trial in _trials(seed, faults, seconds or SECONDS, kept, children):
-                trials.append(trial)
-                reporter.say(_line(trial))
-                progress(len(trials), count)
-    figures = summary(trials)
+    failures: list[dict[str, object]] = []
+    drives = campaign.drives()
+    jobs = [partial(_tried, campaign, *drive) for drive in drives]
+    with (
+        reporter.stage("cameras", "drives") as progress,
+        each_done(jobs, campaign.workers) as done,
+    ):
+        for count, (seed, result) in enumerate(done, 1):
+            if isinstance(result, str):
+                failures.append({"seed": seed, "error": result})
+                reporter.say(f"seed {seed}: failed: {result}")
+            else:
+                trials += result
+                reporter.say("\n".join(map(_line, result)))
+            progress(count, len(drives))
+    trials.sort(key=lambda trial: trial.seed)
+    figures = summary(trials) | {"failed": len(failures)}
     reporter.table("Cameras", {name: str(value) for name, value in figures.items()})
-    return {**figures, "trials": [asdict(trial) for trial in trials]}
+    return {**figures, "trials": [asdict(trial) for trial in trials], "failures": failures}
 
 
-def faults_of(number: int) -> tuple[tuple[str, float | None], ...]:
+def typed_faults(text: str) -> tuple[Fault, ...]:
+    """Faults of cameras as typed, name,name:size,...; raises OverrideRefused for another."""
+    choices = typed_choices(text.split(","))
+    for choice in choices:
+        if not isinstance(chosen_fault(choice), CameraFault):
+            known = ", ".join(dict.fromkeys(name for name, _ in FAULTS))
+            raise OverrideRefused(
+                f"--faults {choice.name}", f"is none of cameras; these are: {known}"
+            )
+    return tuple((choice.name, choice.size) for choice in choices)
+
+
+def faults_of(number: int) -> tuple[Fault, ...]:
     """Of the drive with this number: every sixth of all, so that six drives have them all."""
     rounds = len(FAULTS) // PER_SEED
     return tuple(FAULTS[number % rounds :: rounds])
@@ -151,31 +190,34 @@ def summary(trials: Sequence[CameraTrial]) -> dict[str, object]:
     }
 
 
-def _trials(
-    seed: int,
-    faults: Sequence[tuple[str, float | None]],
-    seconds: float,
-    kept: Path | None,
-    children: Children,
-) -> Iterator[CameraTrial]:
+def _tried(
+    campaign: CameraCampaign, seed: int, faults: Sequence[Fault], children: Children
+) -> tuple[int, list[CameraTrial] | str]:
+    """The seed of a drive and its trials, or why there are none."""
     needs_oak = any(each in _OF_OAK_D for each in faults)
-    scenario = random_scenario(seed, seconds, "oak_d" if needs_oak else "")
-    with (
-        kept_or_temporary(kept) as logs,
-        TemporaryDirectory(prefix="slamsim-cameras-") as folder,
-    ):
-        # By camera, since a seed whose faults need an OAK-D drives with one in place of its own.
-        log = simulated_log(scenario.config, logs / scenario.preset, children) / LOG
-        recording = read_with_cameras(log)
-        yield _checked(scenario, recording, "", None)
+    scenario = random_scenario(seed, campaign.seconds, "oak_d" if needs_oak else "")
+    try:
+        with kept_or_temporary(campaign.kept) as logs:
+            # By camera: a seed whose faults need an OAK-D drives with one in place of its own.
+            log = simulated_log(scenario.config, logs / scenario.preset, children) / LOG
+            return seed, children.run(_trials, scenario, log, faults)
+    except SlamsimError as error:
+        return seed, str(error)
+
+
+def _trials(scenario: CameraScenario, log: Path, faults: Sequence[Fault]) -> list[CameraTrial]:
+    recording = read_with_cameras(log)
+    trials = [_checked(scenario, recording, "", None)]
+    with TemporaryDirectory(prefix="slamsim-cameras-") as folder:
         for number, (name, size) in enumerate(faults):
             choice = FaultChoice(name=name, size=size)
-            corrupted = injected(recording, [chosen_fault(choice)], seed)
+            corrupted = injected(recording, [chosen_fault(choice)], scenario.seed)
             if any(camera.changes for camera in corrupted.cameras):
                 copy = Path(folder) / str(number)
-                inject_faults(log, copy, [choice], seed=seed)
+                inject_faults(log, copy, [choice], seed=scenario.seed)
                 corrupted = read_with_cameras(copy)
-            yield _checked(scenario, corrupted, name, size)
+            trials.append(_checked(scenario, corrupted, name, size))
+    return trials
 
 
 def _checked(

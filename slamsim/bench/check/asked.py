@@ -15,6 +15,7 @@ from slamsim.check.check import check_recording
 from slamsim.config.faults import typed_choices
 from slamsim.config.loading import load_run_config
 from slamsim.console.reporter import Reporter
+from slamsim.guard.errors import SlamsimError
 from slamsim.sensors.faults.cameras import CameraFault
 from slamsim.sensors.faults.registry import bundled_faults, chosen_fault
 from slamsim.simulation.driven import Driven
@@ -55,10 +56,12 @@ def run_check(asked: CheckAsked, independent: bool, reporter: Reporter) -> None:
         reporter.table("Long recording", long_rows(timed))
         figures["long"] = timed
     reporter.result(figures)
+    if failed := cast(Json, figures["summary"])["failed"]:
+        raise SlamsimError(f"{failed} drives failed")
 
 
 def _campaign(asked: CheckAsked) -> CheckCampaign:
-    # Drives of this bench have no cameras: ``bench cameras`` has those faults.
+    # Drives of this bench have no cameras: ``bench check --cameras`` has those faults.
     faults = tuple(each for each in bundled_faults() if not isinstance(each, CameraFault))
     if asked.faults is not None:
         faults = tuple(map(chosen_fault, typed_choices(asked.faults.split(","))))
