@@ -8,8 +8,8 @@ from pydantic import BaseModel, ConfigDict
 class Config(BaseModel):
     """Strict, complete with defaults, frozen, and deaf to nothing: unknown keys are refused.
 
-    Every number carries its unit in its name and its bounds in its ``Field``; every field has
-    a ``description``, which is what ``slamsim config`` prints as a comment.
+    Every number carries its unit in its name and its bounds in its ``Field``; below every field
+    stands what it is, which ``slamsim config`` prints as a comment.
     """
 
     model_config = ConfigDict(
@@ -18,5 +18,4 @@ class Config(BaseModel):
         strict=True,
         allow_inf_nan=False,
         validate_default=True,
-        use_attribute_docstrings=True,
     )

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import json
 import re
+import sys
 import textwrap
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from enum import Enum
-from functools import lru_cache
+from functools import cache, lru_cache
+from itertools import pairwise
 from pathlib import Path
 from typing import TypeGuard
 
 from pydantic import BaseModel
-from pydantic.fields import FieldInfo
 
 from slamsim.config.base import Config
 
@@ -40,12 +42,47 @@ def _model_lines(model: BaseModel, indent: str, untold: Collection[str]) -> Iter
         value = getattr(model, name)
         if name in untold and value == field.default:
             continue
-        yield from _comment(field, value, indent)
+        yield from _comment(_told(type(model)).get(name), value, indent)
         yield from _entry(f"{indent}{name}:", value, indent, untold)
 
 
-def _comment(field: FieldInfo, value: object, indent: str) -> Iterator[str]:
-    text = field.description
+@cache
+def _told(model: type[BaseModel]) -> Mapping[str, str]:
+    """What stands below each field of a model, its own and those that it inherits.
+
+    Read where it is written down alone: pydantic's ``use_attribute_docstrings`` looks for it in
+    every model at every start, a ninth of the time that ``map`` takes to load.
+    """
+    told: dict[str, str] = {}
+    for each in reversed(model.__mro__):
+        own = _told_in(each.__module__).get(each.__name__, {})
+        anew = vars(each).get("__annotations__", {})
+        told = {name: text for name, text in told.items() if name not in anew} | dict(own)
+    return told
+
+
+@cache
+def _told_in(module: str) -> Mapping[str, Mapping[str, str]]:
+    """By class, then by field: the texts below the fields of all classes of a module."""
+    try:
+        tree = ast.parse(inspect.getsource(sys.modules[module]))
+    except (OSError, TypeError):  # it has no source, as in a notebook
+        return {}
+    classes = [node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+    return {each.name: dict(_below(each.body)) for each in classes}
+
+
+def _below(body: Sequence[ast.stmt]) -> Iterator[tuple[str, str]]:
+    for field, text in pairwise(body):
+        match field, text:
+            case (
+                ast.AnnAssign(target=ast.Name(id=name)),
+                ast.Expr(value=ast.Constant(value=str(words))),
+            ):
+                yield name, words
+
+
+def _comment(text: str | None, value: object, indent: str) -> Iterator[str]:
     if not text and isinstance(value, BaseModel):
         text = (inspect.getdoc(type(value)) or "").split("\n\n")[0]
     if text:
