@@ -39,6 +39,10 @@ between things. A camera that is thinned to 106 columns has half of its beams em
 degree, and would pass for a lidar that loses them."""
 _IN_ORDER = 0.95
 """Of the steps from point to point, in one direction: by chance it is half of them."""
+_IN_NO_ORDER = (
+    "; its points are in no order either, as after a voxel filter: when in a turn each was "
+    "measured is lost (the driver's own clouds tell it)"
+)
 _TOGETHER_M, _TOGETHER_SHARE = 0.1, 0.03
 """Returns in one beam so close behind the nearest are of the same surface: three sigmas of either
 side for lidars of up to 17 mm, and for depth cameras of 0.5 % of the distance."""
@@ -255,6 +259,8 @@ def _planned(clouds: Sequence[Points], place: Place, wanted_m: Heights | None) -
     how = words or place.in_words(heights_m)
     note = f"cut out of point clouds: {how}, {360.0 / beams:.2g} deg a beam; {timed}"
     turns = 0 if sweep is not None else _turns(chosen, beams)
+    if sweep is None and turns == 0 and count == beams:
+        note += _IN_NO_ORDER
     return _Plan(ring, heights_m, beams, phase_rad, first, count, sweep, turns), note
 
 

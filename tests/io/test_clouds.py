@@ -244,6 +244,16 @@ def test_points_in_order_show_where_a_turn_begins(tmp_path: Path) -> None:
         assert found.geometry.beam_dt_ns == 0
 
 
+@pytest.mark.parametrize("count", [360, 180])
+def test_points_in_no_order_are_told_where_they_hide_how_long_a_turn_lasts(count: int) -> None:
+    """A camera that sees half a turn measures all at once."""
+    angles_rad = np.deg2rad(np.arange(count) - 90.0)
+    ordered = [columns_of(np.full(count, 3.0), angles_rad) for _ in range(FEW)]
+    shuffled = [np.random.default_rng(1).permutation(each) for each in ordered]
+    assert "no order" not in cut(ordered).note
+    assert ("no order" in cut(shuffled).note) is (count == 360)
+
+
 def test_survey_tells_what_is_cut_and_lacks_nothing(tmp_path: Path) -> None:
     clouds = as_messages([rings_of(scan) for scan in sensed()[:FEW]])
     survey = survey_recording(bag_of(tmp_path / "a.mcap", clouds))
