@@ -173,6 +173,12 @@ def each_done(
             threads.shutdown(wait=False, cancel_futures=True)
 
 
+def require_none_failed(failed: object) -> None:
+    """Raise SlamsimError if some of a campaign could not be measured, once all else is told."""
+    if failed:
+        raise SlamsimError(f"{failed} failed, the rest is told above")
+
+
 def keep_lines(folder: Path | None, name: str, rows: Iterable[Mapping[str, object]]) -> None:
     """All rows so far, a line of JSON each, in a file of the folder, if there is one."""
     if folder is not None:

@@ -42,7 +42,7 @@ def _model_lines(model: BaseModel, indent: str, untold: Collection[str]) -> Iter
         value = getattr(model, name)
         if name in untold and value == field.default:
             continue
-        yield from _comment(_told(type(model)).get(name), value, indent)
+        yield from _comment(_told(type(model)).get(name) or field.description, value, indent)
         yield from _entry(f"{indent}{name}:", value, indent, untold)
 
 
@@ -66,7 +66,7 @@ def _told_in(module: str) -> Mapping[str, Mapping[str, str]]:
     """By class, then by field: the texts below the fields of all classes of a module."""
     try:
         tree = ast.parse(inspect.getsource(sys.modules[module]))
-    except (OSError, TypeError):  # it has no source, as in a notebook
+    except (KeyError, OSError, TypeError):  # it has no source, as in a notebook
         return {}
     classes = [node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
     return {each.name: dict(_below(each.body)) for each in classes}

@@ -39,6 +39,9 @@ between things. A camera that is thinned to 106 columns has half of its beams em
 degree, and would pass for a lidar that loses them."""
 _IN_ORDER = 0.95
 """Of the steps from point to point, in one direction: by chance it is half of them."""
+_ANYWHERE = 0.125
+"""Half of the steps of points in no order are longer than a quarter of a turn, and an eighth where
+a filter sorts them by where they lie."""
 _IN_NO_ORDER = (
     "; its points are in no order either, as after a voxel filter: when in a turn each was "
     "measured is lost (the driver's own clouds tell it)"
@@ -259,9 +262,21 @@ def _planned(clouds: Sequence[Points], place: Place, wanted_m: Heights | None) -
     how = words or place.in_words(heights_m)
     note = f"cut out of point clouds: {how}, {360.0 / beams:.2g} deg a beam; {timed}"
     turns = 0 if sweep is not None else _turns(chosen, beams)
-    if sweep is None and turns == 0 and count == beams:
+    if sweep is None and count == beams and _is_unordered(chosen, beams):
         note += _IN_NO_ORDER
     return _Plan(ring, heights_m, beams, phase_rad, first, count, sweep, turns), note
+
+
+def _is_unordered(clouds: Sequence[Points], beams: int) -> bool:
+    """Whether the next point lies anywhere in the turn, as after a voxel filter. Several channels
+    that fire together at other azimuths are some beams apart."""
+    return float(np.median(np.abs(_steps(clouds, beams)))) > _ANYWHERE * beams
+
+
+def _steps(clouds: Sequence[Points], beams: int) -> IntArray:
+    """By how many beams each point is farther round than the one before it in its cloud."""
+    steps = np.concatenate([np.diff(_bins(cloud, beams, 0.0)[0]) for cloud in clouds])
+    return np.asarray((steps + beams // 2) % beams - beams // 2)
 
 
 def _turns(clouds: Sequence[Points], beams: int) -> int:
@@ -269,8 +284,7 @@ def _turns(clouds: Sequence[Points], beams: int) -> int:
 
     Then they show where a turn begins, without which SLAM could not estimate how long it lasts.
     """
-    steps = np.concatenate([np.diff(_bins(cloud, beams, 0.0)[0]) for cloud in clouds])
-    steps = (steps + beams // 2) % beams - beams // 2
+    steps = _steps(clouds, beams)
     onward = float((steps[steps != 0] > 0).mean()) if steps.any() else 0.5
     return int(onward > _IN_ORDER) - int(onward < 1.0 - _IN_ORDER)
 

@@ -41,6 +41,9 @@ def test_each_option_is_used_by_a_part() -> None:
         (["check", "-c", "labyrinth_10hz"], "--config", "--curves"),
         (["accuracy", "--no-bound", "--cameras"], "--cameras", "--bound"),
         (["slam", "--peers", "--repeats", "1"], "--repeats", "--peers"),
+        (["check", "--recording", "x", "--seeds", "2"], "--seeds", "--faults"),
+        (["matcher", "--recording", "x", "--world", "tiny"], "--world", "--set"),
+        (["robustness", "--only", "3", "--cases", "5"], "--cases", "--seed"),
     ],
 )
 def test_an_option_that_a_part_does_not_look_at(words: list[str], option: str, used: str) -> None:

@@ -357,6 +357,16 @@ def test_depths_in_the_pixels_of_another_camera_are_as_long_as_ranges_or_not(
     assert not [one for one in found.values() if one.fault]
 
 
+def test_what_images_that_look_one_way_mix_up_is_less_sure() -> None:
+    """Towards the same walls, place, scale and focal length change what is seen alike."""
+    depth, T = registered_depths()
+    headings = poses(depth.stamps_ns)[:, 2]
+    same_way = np.flatnonzero(np.abs(np.angle(np.exp(1j * (headings - headings[20])))) < 0.15)
+    sizes = [NAMES.index("scale"), NAMES.index("focal")]
+    few, all_ways = fitted(depth.selected(same_way), T), fitted(depth, T)
+    assert np.all(few.mixed[sizes] > 1.5 * all_ways.mixed[sizes])
+
+
 def test_a_depth_camera_on_its_side_is_measured_like_one_that_stands() -> None:
     """With noise of its depths, by which alone rows would cross the height of the lidar."""
     depth, T = seen_from(0.1, 0.0, 0.0, 1.0, 0.0)

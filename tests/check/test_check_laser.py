@@ -25,7 +25,7 @@ from simulated import drive, sense_scans
 from slamsim.check.diagnosis import explained
 from slamsim.check.findings import Finding, Measurement, decide
 from slamsim.check.motion.inputs import gather_inputs
-from slamsim.check.motion.laser_steps import ANGLE_LIMIT, laser_motions
+from slamsim.check.motion.laser_steps import ANGLE_LIMIT, _evened, laser_motions
 from slamsim.check.questions.laser.laser import check_laser
 from slamsim.check.questions.laser.rotation import check_rotation
 from slamsim.check.questions.laser.shape import check_angles
@@ -84,6 +84,15 @@ def test_a_clock_that_is_set_within_a_window_leaves_the_others_as_they_are(share
     made = healthy().changed(RawStream, later)
     found = findings(made)["laser.rotation"]
     assert found.verdict == "ok", found.words
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_few_windows_keep_their_stamps_where_a_clock_is_set(count: int) -> None:
+    """Half of their mean step is an hour's share, which is no usual step."""
+    windows = [100_000_000 * np.arange(32) + 10_000_000_000 * k for k in range(count)]
+    windows[0] = windows[0] + np.where(np.arange(32) >= 16, 3_600_000_000_000, 0)
+    for found, given in zip(_evened(windows)[1:], windows[1:], strict=True):
+        np.testing.assert_array_equal(found, given)
 
 
 @pytest.mark.parametrize(("of_another_drive", "verdict"), [(False, "ok"), (True, "inconclusive")])

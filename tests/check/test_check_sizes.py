@@ -274,6 +274,19 @@ def test_wheels_that_stand_tell_nothing_of_how_much_they_slip() -> None:
     assert np.sqrt(np.mean(np.square(pulls))) < 1.5
 
 
+def test_wheels_that_stopped_while_the_robot_drove_on_make_no_gyroscope_unsure() -> None:
+    """What they say that they rolled is nothing, and their error is all of it."""
+    inputs = Robot(seed=1, noise=3.0).inputs()
+    assert inputs.wheels is not None
+    totals = inputs.wheels.totals.copy()
+    dead = len(totals) // 5
+    totals[dead:] = totals[dead]
+    calibration = calibrate_inputs(replace(inputs, wheels=replace(inputs.wheels, totals=totals)))
+    assert calibration is not None
+    assert calibration.sigma("gyro_gain") < 1e-3
+    assert abs(calibration.value("gyro_gain") - 1.0) < 3.0 * calibration.sigma("gyro_gain")
+
+
 @pytest.mark.parametrize("seed", [0, 1])
 def test_few_blocks_tell_how_unsure_sizes_are_but_not_what_they_have_in_common(seed: int) -> None:
     """Of two drifts that seem 0.7 correlated in some turns the difference would be too sure."""

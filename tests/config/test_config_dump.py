@@ -106,6 +106,16 @@ def test_readers_of_yaml_1_1_see_the_same_numbers(config: Outer) -> None:
     assert data["switch"] is config.switch
 
 
+class Foreign(Config):
+    """Of a package that describes its fields as pydantic's users do."""
+
+    gain: float = Field(default=1.0, description="By how much.")
+
+
+def test_a_description_of_a_field_is_told_as_well() -> None:
+    assert dump_commented_yaml(Foreign()) == "# By how much.\ngain: 1.0\n"
+
+
 def test_the_text_is_meant_for_people(tmp_path: Path) -> None:
     config = Outer(
         text="+--+\n|  |\n+--+\n", others=(Inner(share=0.1), Inner(names=("a b", "no"))), number=0.1

@@ -254,6 +254,13 @@ def test_points_in_no_order_are_told_where_they_hide_how_long_a_turn_lasts(count
     assert ("no order" in cut(shuffled).note) is (count == 360)
 
 
+def test_channels_that_fire_together_at_other_azimuths_are_in_order() -> None:
+    angles_rad = np.deg2rad(np.arange(360) - 90.0)
+    near, far = (columns_of(np.full(360, 3.0), angles_rad + off) for off in (0.0, np.deg2rad(3.0)))
+    together = np.stack([near, far], axis=1).reshape(-1, 3)
+    assert "no order" not in cut([together] * FEW).note
+
+
 def test_survey_tells_what_is_cut_and_lacks_nothing(tmp_path: Path) -> None:
     clouds = as_messages([rings_of(scan) for scan in sensed()[:FEW]])
     survey = survey_recording(bag_of(tmp_path / "a.mcap", clouds))

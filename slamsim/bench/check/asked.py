@@ -10,12 +10,11 @@ from typing import cast
 from slamsim.bench.check.campaign import CheckCampaign, run_campaign
 from slamsim.bench.check.independent import IndependentCampaign, generator_folder, run_independent
 from slamsim.bench.check.outcome import Json, recordings_at
-from slamsim.bench.logs import Children
+from slamsim.bench.logs import Children, require_none_failed
 from slamsim.check.check import check_recording
 from slamsim.config.faults import typed_choices
 from slamsim.config.loading import load_run_config
 from slamsim.console.reporter import Reporter
-from slamsim.guard.errors import SlamsimError
 from slamsim.sensors.faults.cameras import CameraFault
 from slamsim.sensors.faults.registry import bundled_faults, chosen_fault
 from slamsim.simulation.driven import Driven
@@ -56,8 +55,7 @@ def run_check(asked: CheckAsked, independent: bool, reporter: Reporter) -> None:
         reporter.table("Long recording", long_rows(timed))
         figures["long"] = timed
     reporter.result(figures)
-    if failed := cast(Json, figures["summary"])["failed"]:
-        raise SlamsimError(f"{failed} drives failed")
+    require_none_failed(cast(Json, figures["summary"])["failed"])
 
 
 def _campaign(asked: CheckAsked) -> CheckCampaign:

@@ -22,7 +22,7 @@ import slamsim
 from slamsim.bench.check.outcome import Json, Measured, measured_in, pairs_with_truth
 from slamsim.bench.check.repaired import fixed_words, repaired, summarise_repaired
 from slamsim.bench.check.summary import coverage_of, coverage_row
-from slamsim.bench.logs import Children, each_done, keep_lines
+from slamsim.bench.logs import Children, each_done, keep_lines, require_none_failed
 from slamsim.check.check import check_recording
 from slamsim.check.registry import CHECKER_ERROR
 from slamsim.console.reporter import Reporter
@@ -89,6 +89,7 @@ def run_independent(campaign: IndependentCampaign, reporter: Reporter) -> None:
             figures = summarise_independent(rows)
             reporter.table("Recordings of the independent generator", _table(figures))
             reporter.result(figures)
+    require_none_failed(sum("error" in row for row in rows if row["sort"] != "mutation"))
 
 
 def _jobs(campaign: IndependentCampaign) -> list[list[Any]]:

@@ -53,8 +53,9 @@ LEAST_TIME_STEP_S, TIME_STEP_PERIODS = 0.02, 2.0
 """Of differences in time: so far apart that the errors of a stream's own readings are others. A
 slope that shares them with the residual would see a delay where nothing turns."""
 
-LEVER_UNSURE = 0.5
-"""Standard deviation of the lever of unequal wheels on a track that poses do not tell, a share."""
+LEVER_UNSURE = 1.0
+"""Standard deviation of the lever of unequal wheels on a track that poses do not tell, a share: it
+grows with the square of the track, and tracks to 0.65 m are usual."""
 
 LEAST_ROLLED, MOST_ROLLED = 0.1, 0.95
 """Share of the usual error that is left in a step that hardly rolls: stamps scatter, tyres spring
@@ -97,12 +98,21 @@ class Model:
         return float(self.second_s.max() - self.first_s.min())
 
     def rolled_share(self) -> FloatArray:
-        """(n,) how far the faster wheel rolls in each step, over the median of those that roll."""
+        """(n,) how far the faster wheel rolls in each step, over the median of those that roll.
+
+        By the wheels or by the scans, whichever tells more: the error of wheels that stopped while
+        the robot drove on is as large as if they had rolled.
+        """
         if self.wheels is None:
             return np.ones(len(self.steps))
         start_s, end_s = self._times(self._wheel_s, 0.0, 0.0)
         path_m, turn_rad = np.abs(self.wheels.at(end_s) - self.wheels.at(start_s)).T
-        rolled_m = np.maximum(path_m, 0.5 * self.wheels.likely_track_m * turn_rad)
+        moved = np.abs(self.steps.T_first_second)
+        held = np.diagonal(self.steps.information, axis1=1, axis2=2) > 0.0
+        seen = np.where(held, moved, 0.0)
+        path_m = np.maximum(path_m, np.hypot(seen[:, 0], seen[:, 1]))
+        turn_rad = np.maximum(turn_rad, seen[:, 2])
+        rolled_m = path_m + 0.5 * self.wheels.likely_track_m * turn_rad
         rolls = rolled_m > LEAST_ROLLED * np.quantile(rolled_m, MOST_ROLLED)
         if not rolls.any():
             return np.ones(len(self.steps))

@@ -69,11 +69,14 @@ class SliceFit:
     """By ``NAMES``: what is to be added to the claimed place (base axes; the turn about the
     camera's own place), by which share depths are too short, by which share what is seen is too
     wide (the claimed focal length too short), and by how much stamps are later than the scans' of
-    the same instant. sigmas: (6,). pixel_rad: the angle of a pixel into which depths of another
-    camera's were put, 0 where they are its own."""
+    the same instant. sigmas: (6,). mixed: (6,) how many times less sure each is than if the others
+    were known, and so how many times more of what the fit does not know of gets into it. pixel_rad:
+    the angle of a pixel into which depths of another camera's were put, 0 where they are its own.
+    """
 
     values: FloatArray
     sigmas: FloatArray
+    mixed: FloatArray
     images: int
     points: int
     pixel_rad: float
@@ -128,7 +131,8 @@ def fit_slices(
         left_s = float(found.values[_DELAY])
         told = found.values[: len(NAMES)].copy()
         told[_DELAY] += 1e-9 * late_ns
-        fit = replace(found, values=told, sigmas=found.sigmas[: len(NAMES)])
+        own = slice(len(NAMES))
+        fit = replace(found, values=told, sigmas=found.sigmas[own], mixed=found.mixed[own])
         if abs(left_s) < _LINEAR_S:
             break
         late_ns += round(1e9 * left_s)
@@ -342,7 +346,8 @@ def _settled(
     covariance = inverse @ spread @ inverse + untold @ untold.T
     used = sum(count for _, _, count in blocks)
     sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    return SliceFit(values, sigmas, len(slices), used, pixel_rad)
+    mixed = np.sqrt(np.maximum(np.diag(H) * np.diag(inverse), 1.0))
+    return SliceFit(values, sigmas, mixed, len(slices), used, pixel_rad)
 
 
 _Equations = tuple[FloatArray, FloatArray, FloatArray]

@@ -152,7 +152,8 @@ def _mean_period(stamps: list[IntArray]) -> float:
     hour in one of them would make the mean seven seconds, and all others scattered by it."""
     means = np.array([float(np.ptp(window)) / (len(window) - 1) for window in stamps])
     lengths = np.array([len(window) - 1.0 for window in stamps])
-    usual = means < LONG_WINDOW * float(np.median(means))
+    # Of two, the median would be their mean, which an hour in one of them is half of.
+    usual = means < LONG_WINDOW * float(np.sort(means)[(means.size - 1) // 2])
     return float(np.average(means[usual], weights=lengths[usual])) if usual.any() else 0.0
 
 
