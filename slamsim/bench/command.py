@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Self, cast
 
 import typer
 
+from slamsim.bench.parts import require_used
 from slamsim.console.options import ConfigFile, Json, Quiet, Set
-from slamsim.guard.errors import OverrideRefused, SlamsimError
 
 if TYPE_CHECKING:
     from slamsim.config.run import RunConfig
@@ -61,46 +61,6 @@ class _Asked:
     def or_standard(self) -> Self:
         """With the standard setting if neither a world nor a configuration was named."""
         return self if self.world or self.config else replace(self, config=STANDARD)
-
-
-_DRIVE = ("--set", "--config", "--seed", "--world", "--seconds", "--path")
-_SPEED = (*_DRIVE, "--repeats")
-_CHECK = ("--seed", "--seeds", "--seconds", "--clean", "--faults", "--workers", "--logs")
-USED: Mapping[str, Sequence[str]] = {
-    **dict.fromkeys(("all", "sense", "drive", "simulate", "slam"), _SPEED),
-    "slam --peers": (*_DRIVE, "--peers", "--logs"),
-    "accuracy": (*_DRIVE, "--seeds", "--workers", "--logs", "--bound"),
-    "matcher": (*_DRIVE, "--logs"),
-    "matcher --recording": ("--set", "--config", "--recording"),
-    "check": (*_CHECK, "--pairs", "--curves", "--long"),
-    "check --recording": (*(each for each in _CHECK if each != "--seeds"), "--recording", "--long"),
-    "check --independent": (*_CHECK, "--independent", "--pairs", "--mutations", "--fix"),
-    "check --cameras": (*_CHECK, "--cameras"),
-    "dataset": ("--config", "--seeds"),
-    "robustness": ("--seed", "--cases", "--workers", "--logs"),
-    "robustness --only": ("--seed", "--only", "--logs"),
-    "online": ("--set", "--config", "--seed", "--world", "--path"),
-    "live": ("--set", "--config", "--seed", "--world", "--seconds"),
-    "cameras": _DRIVE,
-}
-"""Which options each part looks at, beside --quiet and --json, which all do."""
-
-_SWITCHES = ("--peers", "--independent", "--cameras", "--recording", "--only")
-"""Options that make another part of one."""
-
-
-def require_used(part: str, given: Collection[str]) -> None:
-    """Raise SlamsimError for a part that there is not, OverrideRefused for an option that it does
-    not look at: whoever gives it expects another measurement. given: names of options."""
-    if part not in USED:
-        known = ", ".join(name for name in USED if " " not in name)
-        raise SlamsimError(f"there is no bench {part!r}; choose from {known}")
-    switched = (f"{part} {option}" for option in _SWITCHES if option in given)
-    variant = next((name for name in switched if name in USED), part)
-    for option in given:
-        if option not in (*USED[variant], "--quiet", "--json"):
-            used = ", ".join(USED[variant])
-            raise OverrideRefused(option, f"bench {variant} does not use it; it uses {used}")
 
 
 def _given(context: typer.Context) -> list[str]:

@@ -261,16 +261,19 @@ def _planned(clouds: Sequence[Points], place: Place, wanted_m: Heights | None) -
     sweep, timed = sweep_of(chosen)
     how = words or place.in_words(heights_m)
     note = f"cut out of point clouds: {how}, {360.0 / beams:.2g} deg a beam; {timed}"
-    turns = 0 if sweep is not None else _turns(chosen, beams)
-    if sweep is None and count == beams and _is_unordered(chosen, beams):
-        note += _IN_NO_ORDER
+    turns = 0
+    if sweep is None:
+        steps = _steps(chosen, beams)
+        turns = _turns(steps)
+        if count == beams and _is_unordered(steps, beams):
+            note += _IN_NO_ORDER
     return _Plan(ring, heights_m, beams, phase_rad, first, count, sweep, turns), note
 
 
-def _is_unordered(clouds: Sequence[Points], beams: int) -> bool:
+def _is_unordered(steps: IntArray, beams: int) -> bool:
     """Whether the next point lies anywhere in the turn, as after a voxel filter. Several channels
     that fire together at other azimuths are some beams apart."""
-    return float(np.median(np.abs(_steps(clouds, beams)))) > _ANYWHERE * beams
+    return steps.size > 0 and float(np.median(np.abs(steps))) > _ANYWHERE * beams
 
 
 def _steps(clouds: Sequence[Points], beams: int) -> IntArray:
@@ -279,12 +282,11 @@ def _steps(clouds: Sequence[Points], beams: int) -> IntArray:
     return np.asarray((steps + beams // 2) % beams - beams // 2)
 
 
-def _turns(clouds: Sequence[Points], beams: int) -> int:
+def _turns(steps: IntArray) -> int:
     """The direction in which points follow each other: 1, -1, or 0 in none.
 
     Then they show where a turn begins, without which SLAM could not estimate how long it lasts.
     """
-    steps = _steps(clouds, beams)
     onward = float((steps[steps != 0] > 0).mean()) if steps.any() else 0.5
     return int(onward > _IN_ORDER) - int(onward < 1.0 - _IN_ORDER)
 

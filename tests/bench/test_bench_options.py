@@ -9,7 +9,7 @@ from test_documentation import commands
 from typer.main import get_command
 from typer.testing import CliRunner
 
-from slamsim.bench.command import USED, require_used
+from slamsim.bench.parts import USED, require_used
 from slamsim.cli.main import app
 from slamsim.guard.errors import OverrideRefused, SlamsimError
 

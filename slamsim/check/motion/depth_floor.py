@@ -17,6 +17,7 @@ from slamsim.check.motion.depth_slices import (
     chosen_looks,
     grid_rays,
 )
+from slamsim.core.quantiles import SIGMAS_PER_MEDIAN
 from slamsim.core.types import BoolArray, FloatArray, IntArray
 
 _MOST_POINTS = 20_000
@@ -147,7 +148,7 @@ def _refined(
     for _ in range(_ROUNDS):
         off = (A @ values + up) / scatter
         near = np.abs(off[np.abs(off) < 10.0])
-        noise = max(1.4826 * float(np.median(near)), 0.3) if near.size else 1.0
+        noise = max(SIGMAS_PER_MEDIAN * float(np.median(near)), 0.3) if near.size else 1.0
         weights = np.square(np.maximum(1.0 - np.square(off / (_TUKEY * noise)), 0.0)) / scatter**2
         H = (A * weights[:, None]).T @ A
         values = values - np.linalg.pinv(H) @ (A * weights[:, None]).T @ (A @ values + up)

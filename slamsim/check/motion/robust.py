@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from slamsim.core.quantiles import SIGMAS_PER_MEDIAN
 from slamsim.core.types import FloatArray
 
-_OF_MEDIAN = 1.4826
-"""Standard deviation of normal errors over the median of their size."""
 _TUKEY = 4.0
 """Standard deviations from which on an error has no weight: of normal errors some 91 % as efficient
 as least squares (4.7 give 95 %)."""
@@ -16,12 +15,12 @@ as least squares (4.7 give 95 %)."""
 def scatter(apart: FloatArray, least: float) -> float:
     """The standard deviation of errors (n,) by the median of their size, which wild ones hardly
     move; no less than ``least``."""
-    return max(_OF_MEDIAN * float(np.median(np.abs(apart))), least)
+    return max(SIGMAS_PER_MEDIAN * float(np.median(np.abs(apart))), least)
 
 
 def scatter_of_some(apart: FloatArray, counts: FloatArray, least: float) -> float:
     """``scatter`` of errors (n,) of which each counts as much as ``counts`` (n,) says."""
-    return max(_OF_MEDIAN * weighed_median(np.abs(apart), counts), least)
+    return max(SIGMAS_PER_MEDIAN * weighed_median(np.abs(apart), counts), least)
 
 
 def weighed_median(values: FloatArray, counts: FloatArray) -> float:

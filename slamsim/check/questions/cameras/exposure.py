@@ -10,6 +10,7 @@ from slamsim.cameras.survey import CameraSurvey
 from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Curve, Finding, Measurement, Plot
 from slamsim.check.question import FaultKind, Question, judge, unanswered
+from slamsim.core.quantiles import SIGMAS_PER_MEDIAN
 
 MAX_FLICKER = 0.03
 """Of the brightness: mains light under a short exposure moves it by ten per cent and more, what
@@ -47,7 +48,7 @@ def _flicker(camera: CameraSurvey) -> Finding:
     level = np.log(np.maximum(brightness, 1.0))
     bends = level[first] - 2.0 * level[first + 1] + level[first + 2]
     # Of independent errors of equal size s, such a second difference has 6 s^2.
-    flicker = 1.4826 * float(np.median(np.abs(bends))) / np.sqrt(6.0)
+    flicker = SIGMAS_PER_MEDIAN * float(np.median(np.abs(bends))) / np.sqrt(6.0)
     # A median of absolute values is 37 % as efficient as the standard deviation.
     sigma = flicker / np.sqrt(2.0 * 0.37 * first.size)
     since_s = 1e-9 * (camera.stamps_ns[numbers] - camera.stamps_ns[0])

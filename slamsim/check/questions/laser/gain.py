@@ -10,6 +10,7 @@ from slamsim.check.motion.alignment import Shift
 from slamsim.check.motion.clustered import clustered_covariance
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.motion.laser_steps import LaserSteps
+from slamsim.check.motion.robust import scatter
 from slamsim.core.types import FloatArray, IntArray
 
 ROUNDS = 6
@@ -105,7 +106,7 @@ def _regression(
         inverse = np.linalg.inv(rows.T @ (rows * weights[:, None]) + ridge)
         fitted = inverse @ (rows.T @ (weights * wanted))
         left = wanted - rows @ fitted
-        noise = max(1.4826 * float(np.median(np.abs(left))), LEAST_NOISE_RAD)
+        noise = scatter(left, LEAST_NOISE_RAD)
         weights = 1.0 / np.maximum(np.abs(left) / (HUBER * noise), 1.0)
     groups, block = np.unique(group, return_inverse=True)
     scores = rows * (weights * left)[:, None]

@@ -18,6 +18,7 @@ from slamsim.check.question import (
     unanswered,
 )
 from slamsim.check.questions.streams.series import StampSeries, spread_s
+from slamsim.core.quantiles import SIGMAS_PER_MEDIAN
 from slamsim.core.types import FloatArray
 from slamsim.recording.repairs.base import Repair
 
@@ -171,7 +172,7 @@ def _drift(series: StampSeries) -> _Drift | None:
     slopes = ((early_s[second] - early_s[first])[usable]) / apart_s[usable]
     rate = float(np.median(slopes))
     off_s = early_s - rate * at_s
-    spread = 1.4826 * float(np.median(np.abs(off_s - np.median(off_s))))
+    spread = SIGMAS_PER_MEDIAN * float(np.median(np.abs(off_s - np.median(off_s))))
     # Neighbouring blocks share the load of the network: as if there were half as many.
     sigma = 1.25 * spread / (np.std(at_s) * np.sqrt(at_s.size / 2.0))
     return _Drift(rate, float(sigma), at_s, early_s)

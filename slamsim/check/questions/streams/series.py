@@ -8,6 +8,7 @@ from typing import Literal
 
 import numpy as np
 
+from slamsim.core.quantiles import SIGMAS_PER_MEDIAN
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import Recording
 from slamsim.recording.edits.beams import scan_durations_ns
@@ -149,7 +150,7 @@ def spread_s(stamps_ns: IntArray, apart: int) -> float:
     elapsed_s = (stamps_ns[apart:] - stamps_ns[:-apart]) * 1e-9
     parts = np.array_split(elapsed_s, max(elapsed_s.size // _LOCAL_STEPS, 1))
     deviations = [np.abs(part - np.median(part)) for part in parts if part.size]
-    return 1.4826 * float(np.median(np.concatenate(deviations))) if deviations else 0.0
+    return SIGMAS_PER_MEDIAN * float(np.median(np.concatenate(deviations))) if deviations else 0.0
 
 
 def beat_scatter_s(stamps_ns: IntArray) -> float | None:
