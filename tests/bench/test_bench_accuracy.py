@@ -101,11 +101,13 @@ def test_a_revisit_counts_as_closed_near_a_believed_closure_only() -> None:
     assert revisits_closed(graph(truth, replace(said, weight=0.0)), truth) == (revisits, 0)
 
 
+@pytest.mark.long
 def test_work_is_done_in_another_process() -> None:
     with Children() as children:
         assert children.run(work, "live") != os.getpid()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("what", "words"),
     [
@@ -131,6 +133,7 @@ class Here(Children):
         return work(*arguments, **keywords)
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("drives_here")
 def test_seeds_are_run_kept_and_summarised(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("slamsim.bench.logs.Children", Here)

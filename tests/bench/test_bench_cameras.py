@@ -30,6 +30,7 @@ def test_flow_is_within_a_hundredth_of_a_pixel_of_homographies() -> None:
     assert 0.0 < flow_error_px() < 0.01
 
 
+@pytest.mark.long
 def test_tags_hold_a_robot_whose_lidar_sees_nothing() -> None:
     true, log, tags = hall(0, 60.0)  # half as long as those that bench measures against 20 mm
     held = mapped(log, tags)

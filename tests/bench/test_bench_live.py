@@ -17,6 +17,7 @@ class Stopped(BaseException):
     """As a signal is raised."""
 
 
+@pytest.mark.long
 def test_a_robot_ends_before_the_processes_that_it_writes_to(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -54,6 +54,7 @@ def test_the_table_has_a_row_per_distance_and_a_cell_per_turn() -> None:
     assert rows["up to 0.1 m"].split() == ["0/100", *["-/-"] * (len(TURNS_DEG) - 2)]
 
 
+@pytest.mark.long
 def test_a_matcher_finds_home_from_nearby_and_its_errors_are_small(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -11,6 +11,7 @@ from slamsim.config.loading import load_run_config
 from slamsim.console.reporter import Reporter
 
 
+@pytest.mark.long
 def test_tags_in_a_rendered_world_are_where_they_are_claimed_to_be() -> None:
     steps, squares = tag_errors(load_run_config("gallery").world, 101, 6)
     assert len(steps) == len(squares) >= 3

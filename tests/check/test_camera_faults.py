@@ -147,6 +147,7 @@ TOLD = {
 SIZES = {"camera_frozen": 0.6, "depth_late": 0.023}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", TOLD)
 def test_an_injected_fault_is_named_and_nothing_else(
     name: str, healthy: Path, tmp_path: Path

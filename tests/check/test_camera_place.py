@@ -167,6 +167,7 @@ def test_the_floor_tells_which_way_is_up(pitch_rad: float, roll_rad: float, seed
     assert found.height_m == pytest.approx(CAMERA_HEIGHT_M, abs=0.01)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("pitch_deg", "roll_deg", "question"), [(6.0, 0.0, "pitch"), (0.0, -4.0, "roll")]
 )
@@ -215,6 +216,7 @@ def test_without_a_floor_nothing_is_told_of_tilts() -> None:
     assert all("show a floor" in one.words for one in found)
 
 
+@pytest.mark.long
 @settings(max_examples=40, deadline=None)
 @given(
     st.integers(0, 2**32 - 1),
@@ -256,6 +258,7 @@ def fitted(depth: CameraSurvey, T_claimed: FloatArray) -> SliceFit:
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("place", "scale", "focal", "delay_s"),
     [
@@ -414,6 +417,7 @@ def test_depths_in_another_unit_tell_nothing() -> None:
     assert fit_slices(told, far, told.scans[0], T, T_base_laser) is None
 
 
+@pytest.mark.long
 def test_the_delay_of_a_robot_that_stands_is_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
     def still(at_ns: IntArray) -> FloatArray:
         return np.tile([0.5, 0.5, 0.4], (at_ns.size, 1))
@@ -495,6 +499,7 @@ def turn_fit(camera: CameraSurvey) -> TurnFit | None:
     return fit_turns(seen_turns(camera, model, R_OPTICAL), leans, gyro)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("delay_s", "readout_s"),
     [(-0.2, 0.03), *(pytest.param(*one, marks=pytest.mark.slow) for one in ((0, 0), (0.06, 0.03)))],
@@ -520,6 +525,7 @@ def turning_recording(camera: CameraSurvey) -> Recording:
     return Recording("turns", "memory", streams=(odometry,), cameras=(camera,))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("readout_s", "told_s", "verdict"),
     [
@@ -561,6 +567,7 @@ def test_what_surrounds_the_image_of_a_lens_tells_nothing_of_the_shutter() -> No
     assert found.estimate.value == pytest.approx(30.0, abs=3.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("tilt_s", [-0.04, pytest.param(0.04, marks=pytest.mark.slow)])
 def test_a_robot_that_tilts_in_turns_has_no_rolling_shutter(tilt_s: float) -> None:
     """A global shutter on a base that rolls by 0.04 rad for each rad/s, as its gyroscope tells."""

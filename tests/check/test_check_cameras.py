@@ -123,6 +123,7 @@ def test_nothing_is_wrong_with_a_healthy_pair(tmp_path: Path) -> None:
         assert name not in QUESTIONS or {one.verdict for one in findings} == {"ok"}, name
 
 
+@pytest.mark.long
 def test_the_checker_asks_them(tmp_path: Path) -> None:
     found = check_recording(recorded(Scene(), tmp_path), quick=True).findings
     assert set(QUESTIONS) <= {one.check for one in found}

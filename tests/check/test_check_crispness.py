@@ -140,6 +140,7 @@ def told(robot: Robot, calibration: Calibration, stream: Stream) -> Crispness:
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("robot", "missing", "stream", "true_s"),
     [
@@ -165,6 +166,7 @@ def test_a_true_offset_is_where_the_map_is_crispest(
         assert found.gained[0] > 0.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("unknown", "stream"), [(GYRO_DELAY, "gyro"), (WHEEL_DELAY, "wheel")])
 def test_a_fit_that_is_fooled_is_contradicted(unknown: int, stream: Stream) -> None:
     """Whatever has fooled it: the offset is moved behind its back."""

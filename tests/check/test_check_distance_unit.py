@@ -46,6 +46,7 @@ def reported(name: str) -> CheckReport:
     return check_recording(damaged(name))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name",
     [
@@ -77,6 +78,7 @@ def test_a_wrong_unit_is_named_and_its_mend_leaves_the_healthy_recording(name: s
     )
 
 
+@pytest.mark.long
 def test_ranges_without_any_other_stream_are_judged_by_the_room() -> None:
     alone = replace(
         damaged("range_millimetres_throughout").with_streams(RawOdometry, ()), transforms=()
@@ -97,6 +99,7 @@ def test_ratios_near_those_of_units_are_meant_to_be_them(ratio: float, off: floa
     assert ratio_of_units(np.exp(off)) is None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("radius_alone", [False, True])
 def test_the_fit_in_metres_is_that_of_wheels_in_metres(radius_alone: bool) -> None:
     """The slow way round: the counters read anew with the right radius and track."""

@@ -97,6 +97,7 @@ def test_a_map_below_the_odometry_is_a_recorded_map_upside_down() -> None:
     assert [repair.operation for repair in found.repairs] == ["drop_transform"]
 
 
+@pytest.mark.long
 @given(yaw=st.lists(st.floats(-7.0, 7.0), min_size=2, max_size=6), tilt=st.floats(0.0, 0.15))
 def test_a_robot_on_a_floor_never_writes_its_quaternions_the_other_way(
     yaw: list[float], tilt: float

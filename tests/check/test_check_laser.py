@@ -139,6 +139,7 @@ def test_an_array_that_is_turned_round_is_mirrored_and_runs_backward() -> None:
     assert named(with_ranges(of, ranges(of)[:, ::-1])) == {"laser_mirrored", "beam_time_reversed"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("error", [-0.02, pytest.param(0.01, marks=pytest.mark.slow)])
 def test_a_wrong_angle_between_beams_is_measured(error: float) -> None:
     half = 0.5 * (1.0 + error) * STEP * (LIDAR.beam_count - 1)
@@ -154,6 +155,7 @@ def test_a_wrong_angle_between_beams_is_measured(error: float) -> None:
     assert found.repairs[0].parameters["factor"] == pytest.approx(1.0 / (1.0 + error), abs=2e-3)
 
 
+@pytest.mark.long
 def test_noise_that_bends_the_scans_of_few_beams_is_no_wrong_angle() -> None:
     """181 beams over half a turn with 3 cm of noise: -0.98 +- 0.14 %, a fault, where none is."""
     beams = ScanGeometry(-0.5 * np.pi, np.pi / 180.0, 181, 0, 0.1, 30.0)
@@ -226,6 +228,7 @@ def test_ranges_that_are_too_long_are_measured() -> None:
     assert found.estimate.value == pytest.approx(60.0, abs=5.0)
 
 
+@pytest.mark.long
 def test_a_robot_that_stands_cannot_tell() -> None:
     of = healthy()
     scans = of.scans[0]

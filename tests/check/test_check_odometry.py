@@ -94,6 +94,7 @@ def no_turn(made: Recording) -> Recording:
     return fault.inject(made, RNG)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("with_imu", [True, False], ids=["gyroscope", "scans alone"])
 def test_an_odometry_that_never_turns_is_named_by_any_other(with_imu: bool) -> None:
     made = healthy() if with_imu else healthy().with_streams(RawImu, ())

@@ -54,6 +54,7 @@ def test_the_misfit_is_least_at_what_was_found_and_larger_as_declared() -> None:
     assert RecordingEvidence(late).plot_of("time.offset.imu") is None  # nothing was calibrated
 
 
+@pytest.mark.long
 def test_a_laser_that_is_turned_shows_where_the_streams_fit_best() -> None:
     declared = FRONT + np.array([0.0, 0.0, np.deg2rad(3.0)])
     whole = front_and_rear(rear=REAR)

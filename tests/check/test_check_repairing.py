@@ -124,6 +124,7 @@ WRECKS: dict[str, tuple[Callable[[Recording], Recording], tuple[str, str, float 
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name",
     [
@@ -144,6 +145,7 @@ def test_rays_are_turned_back_as_a_whole_too(clean: Recording, name: str) -> Non
     assert found.after.mean_m < 1.05 * right_m
 
 
+@pytest.mark.long
 def test_rays_that_turn_twice_are_named_and_turned_back(clean: Recording) -> None:
     twice = [Repair("turn_with_robot", "/scan", {"heading_from": "/odom"})]
     damaged = apply_repairs(clean, twice)
@@ -280,6 +282,7 @@ def _not_worse(case: Case, folder: Path, seconds: float = SECONDS) -> None:
     assert not change(found.before, found.after).worse, (case.name, found.applied)
 
 
+@pytest.mark.long
 def test_a_recording_with_two_faults_is_not_worse_than_before(tmp_path: Path) -> None:
     _not_worse(cases([0], 0, 0, ["laser_yaw_-2deg+track_2%@0"])[0], tmp_path)
 

@@ -22,6 +22,7 @@ def test_two_lidars_that_are_right_raise_no_alarm() -> None:
     assert faults(front_and_rear()) == set()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("off", "name"),
     [
@@ -35,6 +36,7 @@ def test_the_second_lidar_sits_elsewhere_than_declared(
     assert faults(front_and_rear(rear=REAR + np.array(off))) == {(name, "rear_laser")}
 
 
+@pytest.mark.long
 def test_the_second_lidar_is_late() -> None:
     recording = front_and_rear()
     front, rear = recording.scans

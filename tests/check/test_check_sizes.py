@@ -116,6 +116,7 @@ def test_wheels_alone_say_nothing_of_how_far_scans_turn() -> None:
         assert explanation._told(gains, "scan_turns", ()) is None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("wrong", "by"), [("radius", 0.0), ("radius", 0.01), ("track", 0.02)])
 def test_intervals_of_a_size_hold_what_the_others_of_a_healthy_robot_add(
     wrong: Size, by: float
@@ -352,6 +353,7 @@ def knocked(degrees: float, share: float) -> Change:
     return change
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("degrees", "share"), [(1.9, 0.5), (-1.0, 0.35), (5.0, 0.65)])
 def test_a_laser_that_is_knocked_during_the_drive_is_told_with_the_instant(
     degrees: float, share: float

@@ -68,6 +68,7 @@ def test_a_healthy_recording_is_healthy() -> None:
     }
 
 
+@pytest.mark.long
 @settings(max_examples=20)
 @example(6.0, 0.0, 0.0, 0.0047, 0.0, 65)
 @given(

@@ -66,6 +66,7 @@ BLIND: dict[str, Change] = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["three beams"])
 def test_scans_without_returns_are_bridged_and_told_with_their_times(name: str) -> None:
     result = run(BLIND[name](whole()))
@@ -92,6 +93,7 @@ ODOMETRY: dict[str, tuple[Change, EventKind]] = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["jump", "frozen"])
 def test_scans_overrule_odometry_that_is_wrong_or_silent(name: str) -> None:
     check_odometry(name)
@@ -135,16 +137,19 @@ def test_scans_of_another_place_are_no_kidnapping_where_odometry_went_on() -> No
     assert ate_rmse_m(result.trajectory, drive().truth) < 0.02
 
 
+@pytest.mark.long
 def test_a_lidar_upside_down_is_right_where_the_transform_says_so() -> None:
     result = run(damage.mirrored(whole(), said=True))
     assert result.events == ()
     assert ate_rmse_m(result.trajectory, drive().truth) < 0.01
 
 
+@pytest.mark.long
 def test_a_lidar_upside_down_is_noticed_where_nothing_says_so() -> None:
     assert told(run(damage.mirrored(whole(), said=False)), "lidar")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rpy", [(0.0, np.pi / 2, 0.0), (np.pi / 2, 0.0, 0.0)])
 def test_a_lidar_turned_sideways_is_refused_with_its_angle(rpy: tuple[float, float, float]) -> None:
     with pytest.raises(SlamsimError, match="90 degrees"):
@@ -164,6 +169,7 @@ FINE: dict[str, Change] = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["three people"])
 def test_what_is_odd_but_sound_is_mapped_without_a_word(name: str) -> None:
     check_fine(name)

@@ -131,6 +131,7 @@ def test_a_world_on_disk_is_the_same_world_again(folder: Path) -> None:
     ).read_bytes()
 
 
+@pytest.mark.long
 def test_the_same_seed_gives_the_same_bytes_from_anywhere(folder: Path, tmp_path: Path) -> None:
     """In a process of its own, as the run in the folder: once workers ran in the test's process,
     its children use fewer CPU instructions than it does (``process/instructions.py``)."""
@@ -214,6 +215,7 @@ def test_help_is_there_with_examples_and_quick_to_import(folder: Path) -> None:
     assert "slamsim map labyrinth" in done.stdout
 
 
+@pytest.mark.long
 @needs_radish
 def test_a_real_log_is_mapped_and_scored(tmp_path: Path) -> None:
     """The beginning of fr079: no IMU, 0.5 degree beams, a laser 4 cm behind the base."""

@@ -195,6 +195,7 @@ def drives(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_a_second_drive_goes_another_way_through_the_same_world(drives: Path) -> None:
     worlds = [(drives / name / "world.yaml").read_text() for name in ("first", "second")]
     assert worlds[0] == worlds[1] != (drives / "elsewhere" / "world.yaml").read_text()
@@ -215,6 +216,7 @@ def test_a_second_drive_is_localised_and_continues_the_map(drives: Path, tmp_pat
     assert (tmp_path / "on" / "keyframes.csv").is_file()
 
 
+@pytest.mark.long
 def test_a_map_that_continues_nothing_fails_and_claims_no_covariance(
     drives: Path, tmp_path: Path
 ) -> None:
@@ -228,6 +230,7 @@ def test_a_map_that_continues_nothing_fails_and_claims_no_covariance(
     assert not (tmp_path / "on" / "keyframes.csv").exists()
 
 
+@pytest.mark.long
 def test_a_drive_that_is_placed_nowhere_is_told_of_the_second_drive(
     drives: Path, tmp_path: Path
 ) -> None:

@@ -90,6 +90,7 @@ def test_a_command_that_helps_can_be_pasted_though_the_path_has_spaces(tmp_path:
     )
 
 
+@pytest.mark.long
 def test_a_screenshot_without_a_vulkan_driver_names_the_package(tmp_path: Path) -> None:
     from view_example import example_run
 

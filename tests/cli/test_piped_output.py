@@ -259,6 +259,7 @@ def test_a_terminal_that_shows_no_colours_gets_no_escape_codes(
     assert "│ compared with" in shown.decode() and b"\x1b" not in shown
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "words",
     [

@@ -50,6 +50,7 @@ def run(folder: Path, cache: Path) -> tuple[str, str]:
     return done.stdout.strip(), done.stderr
 
 
+@pytest.mark.long
 def test_the_second_run_compiles_nothing(tmp_path: Path) -> None:
     cache = tmp_path / "cache"
     assert run(tmp_path, cache)[0] == "7.0 True"

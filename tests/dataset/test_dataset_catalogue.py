@@ -114,6 +114,7 @@ def test_statistics_count_what_was_made() -> None:
     json.dumps(told, allow_nan=False)
 
 
+@pytest.mark.long
 def test_the_same_rows_make_the_same_files_and_the_card_names_all_of_them() -> None:
     recipe = load_recipe("tiny")
     whole = manifest([shard([row(index) for index in range(4)])], {"slamsim": "1"})

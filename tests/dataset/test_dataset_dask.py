@@ -90,6 +90,7 @@ def test_a_worker_with_other_software_is_refused(
     assert not (tmp_path / "set").exists()
 
 
+@pytest.mark.long
 def test_a_scheduler_that_does_not_answer_is_refused(
     orders: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

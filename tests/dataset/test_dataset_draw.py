@@ -111,6 +111,7 @@ def test_shares_are_exact_where_they_can_be() -> None:
     assert split_of(Splits(train=0.0, val=1.0, test=0.0), 17) == "val"
 
 
+@pytest.mark.long
 def test_faults_are_as_frequent_as_asked_for_and_can_be_told_apart() -> None:
     recipe = load_recipe("faults")
     drafts = [draw(recipe, index) for index in range(800)]

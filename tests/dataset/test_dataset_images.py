@@ -90,6 +90,7 @@ def dataset(made: Path) -> Dataset:
     return slamsim.dataset.open(made)
 
 
+@pytest.mark.long
 def test_tables_hold_the_images_of_the_recording(made: Path, dataset: Dataset) -> None:
     sequence = dataset[0]
     with open_cameras(made / sequence.name) as cameras:
@@ -249,6 +250,7 @@ def test_a_robot_without_cameras_has_no_image_folders(tmp_path: Path) -> None:
         load_recipe(recipe_file(tmp_path, formats=["euroc"], config={}))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["diverse_rgbd", "stereo_imu"])
 def test_bundled_recipes_have_cameras_and_many_looks(name: str) -> None:
     recipe = load_recipe(name)

@@ -19,6 +19,7 @@ from slamsim.run.dataset.making import ConsoleWatch, run_make
 COUNT = 3
 
 
+@pytest.mark.long
 def test_sequences_that_fail_for_good_end_in_an_error_that_tells_how_many_and_where(
     orders: Path,
     tmp_path: Path,

@@ -218,6 +218,7 @@ def test_windows_of_several_lidars_are_all_of_one_shape(dataset: Dataset) -> Non
         assert np.stack([window[name] for window in batch]).shape[0] == len(windows)
 
 
+@pytest.mark.long
 def test_other_processes_read_the_same(dataset: Dataset) -> None:
     windows = dataset.filter(pc.field("drawn.sensors.lidar") == "lds_01").windows(4, 4)
     numbers = list(range(len(windows)))

@@ -78,6 +78,7 @@ def first_hit(origin: FloatArray, direction: FloatArray, corners: FloatArray) ->
     return float(distances.min()), int(distances.argmin())
 
 
+@pytest.mark.long
 def test_beams_end_where_a_ray_through_all_triangles_ends(files: Files) -> None:
     scans, surfaces = files.table("truth/scans"), files.table("truth/surfaces")
     lidar, world = files.config.sensors.lidar, build_world(files.config.world, files.config.seed)

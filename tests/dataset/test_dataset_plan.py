@@ -102,6 +102,7 @@ def test_a_recipe_of_which_nothing_can_be_made_is_told() -> None:
         plan(TINY, 3, make=none)
 
 
+@pytest.mark.long
 def test_pilots_are_made_for_real() -> None:
     spec = sequence_spec(TINY, 1, 2)
     pilots = make_pilots([spec])

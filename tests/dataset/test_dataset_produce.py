@@ -221,6 +221,7 @@ def test_tables_that_do_not_name_their_sequence_are_read_alike(made: Made, tmp_p
     assert np.array_equal(ours.T_base_laser, theirs.T_base_laser)
 
 
+@pytest.mark.long
 def test_a_process_does_not_grow_with_the_sequences_it_makes(tmp_path: Path) -> None:
     def objects_after(number: int) -> int:
         produced(tmp_path / str(number), seconds=3.0)

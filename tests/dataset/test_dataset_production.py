@@ -84,6 +84,7 @@ def test_workers_that_die_cost_nothing_but_a_retry(
     assert "out of memory\na worker has 2,000 MB of memory" in log
 
 
+@pytest.mark.long
 def test_a_sequence_that_fails_three_times_is_recorded_and_the_rest_goes_on(
     orders: Path, one_worker: WorkEngine, tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
@@ -229,6 +230,7 @@ def test_the_identity_reads_back(tmp_path: Path) -> None:
     assert (found["name"], found["sequences"], found["recipe"]) == ("named", 7, identity.recipe)
 
 
+@pytest.mark.long
 def test_a_full_disk_stops_the_run_and_the_same_command_goes_on(
     orders: Path, one_worker: WorkEngine, tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
@@ -264,6 +266,7 @@ def _wait_for_sequences(folder: Path, count: int, process: subprocess.Popen[str]
         time.sleep(0.05)
 
 
+@pytest.mark.long
 def test_ctrl_c_ends_it_and_the_same_command_goes_on(
     orders: Path, one_worker: WorkEngine, tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:
@@ -281,6 +284,7 @@ def test_ctrl_c_ends_it_and_the_same_command_goes_on(
     assert tree(folder) == undisturbed
 
 
+@pytest.mark.long
 def test_a_killed_run_leaves_no_worker_and_the_same_command_goes_on(
     orders: Path, one_worker: WorkEngine, tmp_path: Path, undisturbed: dict[str, bytes]
 ) -> None:

@@ -51,6 +51,7 @@ def worker(bucket: str) -> Iterator[WorkEngine]:
         yield KeptEngine(engine)
 
 
+@pytest.mark.long
 def test_what_is_uploaded_is_what_a_folder_would_hold(
     bucket: str, worker: WorkEngine, orders: Path, tmp_path: Path
 ) -> None:
@@ -91,6 +92,7 @@ def test_a_killed_run_is_gone_on_with(
     assert downloaded(address, tmp_path / "down") == tree(tmp_path / "set")
 
 
+@pytest.mark.long
 def test_a_data_set_there_is_made_read_verified_and_repaired(
     bucket: str, worker: WorkEngine, tmp_path: Path
 ) -> None:
@@ -115,6 +117,7 @@ def test_the_lock_of_a_run_elsewhere_holds_until_it_is_forgotten(
     assert store.read(LOCK) == b'{"mine": 1}'
 
 
+@pytest.mark.long
 def test_a_place_that_cannot_be_is_refused(
     bucket: str, orders: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -133,6 +133,7 @@ def test_overlap_of_nothing_is_nothing(driven: Driven) -> None:
     assert overlap_shares([], driven.surfaces, 0.1).shape == (0, 0)
 
 
+@pytest.mark.long
 def test_the_drive_on_the_disk_tells_any_instant_as_the_sensors_had_it(sequence: Path) -> None:
     config = small_spec().config
     world, robot = build_world(config.world, config.seed), build_robot(config.robot)

@@ -81,6 +81,7 @@ def test_a_sequence_is_judged_by_the_manifest_and_not_by_what_it_says_of_itself(
         (scratch / name).write_bytes(files[name])
 
 
+@pytest.mark.long
 def test_every_file_is_missed_when_it_is_gone_or_cut(scratch: Path) -> None:
     files = tree(scratch)
     judges = [name for name in files if name.endswith((SUMS, MANIFEST, "sequence.json"))]
@@ -120,6 +121,7 @@ def test_a_data_set_that_was_never_finished_is_not_whole(small_set: Path, tmp_pa
     ]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "damaged",
     [
@@ -166,6 +168,7 @@ def forged(place: Path, name: str, data: bytes) -> None:
     (place / SUMS).write_text(sums_text(sums))
 
 
+@pytest.mark.long
 def test_only_making_it_again_tells_what_was_never_made_so(small_set: Path, tmp_path: Path) -> None:
     place = copied(small_set, tmp_path / "set")
     forged(place, "world.yaml", b"name: another\n")

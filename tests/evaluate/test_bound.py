@@ -175,6 +175,7 @@ def test_the_information_is_that_of_all_measurements_together(room: Room) -> Non
     )
 
 
+@pytest.mark.long
 def test_an_efficient_estimator_reaches_the_bound_and_none_is_better(room: Room) -> None:
     """Monte Carlo of least squares over poses and walls: its ATE is the bound's on average."""
     groups, _, joint = room.bound()

@@ -122,6 +122,7 @@ def test_faces_apart_or_back_to_back_are_not_joined() -> None:
     assert sorted(faces.length_m.tolist()) == pytest.approx([0.9, 1.0, 1.0, 1.0])
 
 
+@pytest.mark.long
 @settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.integers(3, 10))
 def test_information_is_that_of_numerical_derivatives(seed: int, corners: int) -> None:

@@ -56,6 +56,7 @@ def test_what_is_in_view_is_what_a_slow_search_finds(seed: int, range_m: float) 
     assert len(slow) > 30
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 def test_scores_are_those_of_a_slow_search(seed: int) -> None:
     rng = np.random.default_rng(seed)

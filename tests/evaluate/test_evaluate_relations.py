@@ -15,6 +15,7 @@ from slamsim.io.open import read_log
 from slamsim.io.text.relations import Relations, read_relations
 
 
+@pytest.mark.long
 @needs_radish
 @pytest.mark.parametrize(
     ("name", "count", "metres", "degrees"),

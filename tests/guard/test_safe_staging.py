@@ -166,6 +166,7 @@ STEPS = tuple(
 )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("unnamed", [True, False], ids=["Linux", "elsewhere"])
 @settings(max_examples=40, deadline=None, suppress_health_check=list(HealthCheck))
 @given(

@@ -192,5 +192,6 @@ def vector_of(kind: Any, **more: Any) -> list[bytes]:
     return told
 
 
+@pytest.mark.long
 def test_vectors_of_environments_agree() -> None:
     assert vector_of(SyncVectorEnv) == vector_of(AsyncVectorEnv, context="spawn")

@@ -84,6 +84,7 @@ def test_a_pane_is_seen_head_on_alone() -> None:
     np.testing.assert_allclose(found, [1.0 / np.cos(0.1), 2.0 / np.cos(0.8)])
 
 
+@pytest.mark.long
 @given(SEEDS)
 def test_poses_are_those_of_the_differential_equation(seed: int) -> None:
     rng = np.random.default_rng(seed)

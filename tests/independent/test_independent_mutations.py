@@ -48,6 +48,7 @@ def test_harm_is_measured(name: str, least_m: float, most_m: float) -> None:
     assert least_m <= harm_m(before, use_of(list(enumerate(faulty)))) <= most_m
 
 
+@pytest.mark.long
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=8)
 def test_mutations_leave_messages_that_can_be_written(numbered: Numbered, seed: int) -> None:
@@ -60,6 +61,7 @@ def test_mutations_leave_messages_that_can_be_written(numbered: Numbered, seed: 
     assert [str(message) for _, message in numbered[:MESSAGES]] == before
 
 
+@pytest.mark.long
 def test_many_mutations_are_harmful_and_many_are_not(numbered: Numbered) -> None:
     before = use_of(numbered)
     every = [mutated(numbered, np.random.default_rng(seed)) for seed in range(16)]

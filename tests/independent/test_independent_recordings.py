@@ -143,6 +143,7 @@ def test_each_fault_changes_the_recording(name: str) -> None:
     assert len(before) != len(after) or not all(map(_same, before, after))
 
 
+@pytest.mark.long
 def test_clean_drives_give_no_alarm_and_plain_faults_are_named() -> None:
     names = ["clean@1000001", "acceleration_g@1", "odometry_mm@1", "odometry_of_another_drive@1"]
     rows = run_cases(FOLDER, cases([], 0, 0, names), 40.0)
@@ -159,6 +160,7 @@ def test_a_case_that_cannot_be_made_costs_no_other() -> None:
     assert summarise_independent(rows)["faults"] == 2
 
 
+@pytest.mark.long
 def test_the_bench_shows_what_was_missed_and_keeps_every_row(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -202,6 +202,7 @@ def test_heights_that_are_asked_for_count_even_with_rings(tmp_path: Path) -> Non
         assert np.abs(ranges_m[:, None] - floor_m).min(axis=1).max() < 0.5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rpy_deg", [(0.0, 12.0, 0.0), (180.0, 0.0, 30.0), (5.0, -8.0, 90.0)])
 def test_a_sensor_that_leans_is_levelled(tmp_path: Path, rpy_deg: tuple[float, ...]) -> None:
     R_base_sensor = matrix_from_rpy(*np.deg2rad(rpy_deg).tolist())

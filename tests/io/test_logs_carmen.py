@@ -51,6 +51,7 @@ def _small(tmp_path: Path, *more: str) -> Log:
     return read_log(_write(tmp_path, *lines, *more))
 
 
+@pytest.mark.long
 @needs_radish
 @pytest.mark.parametrize(
     ("name", "scans", "beams", "step_deg", "laser_x_m", "duration_s", "odometry_error"),

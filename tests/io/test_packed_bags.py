@@ -262,6 +262,7 @@ def test_what_is_packed_but_no_recording_is_named_by_its_own_name(tmp_path: Path
     assert refusal.value.path == path
 
 
+@pytest.mark.long
 def test_a_disk_without_room_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(_folder: Path, _bytes: int) -> None:
         raise DiskFull("full")

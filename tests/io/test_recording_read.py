@@ -304,6 +304,7 @@ def test_carmen_lines_keep_their_order_and_their_logger(tmp_path: Path) -> None:
     assert [unread.topic for unread in found.unread] == ["ODOM"]
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not RADISH.is_dir(), reason="the Radish logs are not at ../shared/data/radish")
 def test_intel_has_the_stamps_that_it_is_known_for() -> None:
     found = read_recording(RADISH / "intel" / "intel.clf.bz2")

@@ -53,6 +53,7 @@ MAKERS: dict[str, Callable[[Path], Path]] = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", MAKERS)
 def test_a_look_says_what_reading_all_of_it_says(name: str, tmp_path: Path) -> None:
     path = MAKERS[name](tmp_path)
@@ -79,6 +80,7 @@ def test_few_chunks_of_a_large_file_are_read(tmp_path: Path) -> None:
     assert sampled_mcap(path).counts == index_mcap(path).counts
 
 
+@pytest.mark.long
 @given(st.data())
 @settings(max_examples=150, deadline=None)
 def test_a_damaged_summary_is_refused_or_read(

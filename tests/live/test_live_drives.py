@@ -51,6 +51,7 @@ def _files(folder: Path) -> dict[str, bytes]:
     return {name: path.read_bytes() for name, path in found.items()}
 
 
+@pytest.mark.long
 def test_tour_is_recorded_as_simulate_does(tmp_path: Path) -> None:
     config = _config(SHORT)
     loop = _loop(config, tmp_path, mode="tour", record=True, until_done=True)
@@ -225,6 +226,7 @@ def test_a_robot_that_tipped_over_does_not_reach_its_goal(
     robot.close()
 
 
+@pytest.mark.long
 def test_explore_maps_all_of_a_small_world(tmp_path: Path) -> None:
     config = _config("sensors.lidar=lds_01")
     with MappingProcess() as process:

@@ -317,6 +317,7 @@ VALUES = st.recursive(
 KEYS = st.sampled_from(["subscriptions", "channels", "parameters", "parameterNames", "id"])
 
 
+@pytest.mark.long
 @given(
     frames=st.lists(
         st.binary(max_size=60)

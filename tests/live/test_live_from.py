@@ -28,6 +28,7 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> list[Message]:
     return simulated(tmp_path_factory.mktemp("from") / "log", "drive.route.max_duration_s=14")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "protocol", ["rosbridge", pytest.param("foxglove", marks=pytest.mark.slow)]
 )

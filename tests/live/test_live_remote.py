@@ -221,6 +221,7 @@ def test_goals_and_stamped_twists(
     assert goal.pose.orientation.z == pytest.approx(np.sqrt(0.5))
 
 
+@pytest.mark.long
 def test_what_cannot_be_mapped_is_refused(
     drive: list[Message], process: MappingProcess, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

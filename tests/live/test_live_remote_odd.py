@@ -117,6 +117,7 @@ def test_what_was_recorded_outlives_slam(
     assert len(source.of("/cmd_vel")) == 2, "it was told to stop"
 
 
+@pytest.mark.long
 def test_the_map_outlives_a_failure(
     drive: list[Message], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -172,6 +173,7 @@ def test_topics_that_are_told_one_by_one_are_all_read() -> None:
     assert [one.name for one in read_topics(source)] == ["/scan", "/tf_static", "/odom"]
 
 
+@pytest.mark.long
 def test_a_checker_that_stands_still_costs_no_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(checking, "LARGEST_BACKLOG", 1 << 20)
     with CheckingProcess("ws://played", Selection()) as checker:

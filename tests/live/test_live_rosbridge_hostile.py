@@ -105,6 +105,7 @@ ASKED = st.fixed_dictionaries(
 )
 
 
+@pytest.mark.long
 @settings(max_examples=200, deadline=None)
 @given(st.lists(ASKED | VALUES, max_size=6), st.booleans())
 def test_whatever_is_asked_is_obeyed_or_told(asked: list[Any], as_cbor: bool) -> None:
@@ -314,6 +315,7 @@ def test_a_second_server_on_a_port_names_the_first() -> None:
         RosbridgeServer(hub(), NotedControls(), Access(), robot.server.port)
 
 
+@pytest.mark.long
 def test_a_slow_client_costs_no_more_than_its_queue_and_delays_nobody(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -364,6 +366,7 @@ def test_who_does_not_read_its_replies_is_not_listened_to() -> None:
         assert all(one._reply_bytes < 2 * clients.REPLIES for one in robot.server._clients)
 
 
+@pytest.mark.long
 def test_a_flood_of_pings_that_reads_no_pong_ends(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(front, "MOST_UNREAD", 1 << 20)
     pings = (b"\x89\xfd\0\0\0\0" + bytes(125)) * 1_000

@@ -376,6 +376,7 @@ SERVER_OPERATIONS = st.sampled_from(
 )
 
 
+@pytest.mark.long
 @pytest.mark.fault
 @settings(max_examples=150, deadline=None)
 @given(

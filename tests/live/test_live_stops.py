@@ -23,6 +23,7 @@ def contents(folder: Path) -> dict[str, bytes]:
     return {str(path.relative_to(folder)): path.read_bytes() for path in found}
 
 
+@pytest.mark.long
 def test_a_drive_that_ctrl_c_ends_is_whole_and_can_be_driven_again(tmp_path: Path) -> None:
     def is_recorded() -> bool:
         return any(path.stat().st_size > 100_000 for path in tmp_path.rglob("*.mcap"))

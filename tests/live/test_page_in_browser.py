@@ -237,6 +237,7 @@ def test_a_token_is_taken_once_and_kept(page: Page, robot: FakeRobot) -> None:
         page.wait(CONNECTED)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("width", "scheme"), [(390, "light"), (390, "dark"), (1300, "light"), (1440, "dark")]
 )

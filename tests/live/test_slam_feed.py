@@ -6,6 +6,7 @@ from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scan_recording import DRIVE_S, healthy
@@ -41,6 +42,7 @@ def pieces(ends_s: list[float]) -> list[list[RawStream]]:
     return made
 
 
+@pytest.mark.long
 @given(st.lists(st.floats(0.0, DRIVE_S), max_size=12))
 @example([])
 @settings(max_examples=8)

@@ -125,6 +125,7 @@ def test_raw_and_packed_images_of_one_imager_are_one_camera() -> None:
     assert packed.topic == "/a/image_raw/compressed"
 
 
+@pytest.mark.long
 def test_two_topics_of_one_camera_info_are_no_pair(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -173,6 +174,7 @@ def test_tags_of_a_folder_need_a_path(
         calibrate_cameras(boards, tmp_path / "out", Wanted(tags="apriltag_36h11:0.16"), QUIET)
 
 
+@pytest.mark.long
 def test_tags_on_a_drive_give_mount_and_clock(
     boards: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, thirty: Driven
 ) -> None:

@@ -68,6 +68,7 @@ def test_mount_clock_and_shutter_are_found(short: Driven) -> None:
     assert found.sigma("x_m") < 0.003 and found.sigma("late_s") < 0.001
 
 
+@pytest.mark.long
 def test_a_robot_that_rocks_tells_the_mount_all_the_same() -> None:
     """By 0.2 degrees, as one does that stands on two wheels and a caster: more than a pixel."""
     rocking = replace(SHORT, tilt_sigma=0.004)
@@ -80,6 +81,7 @@ def test_a_robot_that_rocks_tells_the_mount_all_the_same() -> None:
     assert abs(off["late_s"]) < 0.002
 
 
+@pytest.mark.long
 def test_a_path_in_the_plane_does_not_tell_the_height_but_a_survey_does(short: Driven) -> None:
     blind = fitted(short)
     assert blind.sigma("z_m") > 0.5
@@ -132,6 +134,7 @@ def looking(roll_rad: float, yaw_rad: float) -> tuple[Setting, Driven]:
     return setting, driven(3, setting)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("turned", "claimed"),
     [
@@ -170,6 +173,7 @@ def test_what_an_unclaimed_mount_lacks_is_told(short: Driven) -> None:
         best_start(short.views, SHORT.model, straight, [])
 
 
+@pytest.mark.long
 def test_the_path_of_another_robot_explains_nothing() -> None:
     seldom = driven(3, replace(SPARSE, seconds=15.0))
     other = replace(seldom.path, poses=seldom.path.poses[::-1].copy())

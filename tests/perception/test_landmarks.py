@@ -77,6 +77,7 @@ def test_observations_err_as_they_claim(
     assert 2.0 < np.mean(nees) < 4.0  # three degrees of freedom
 
 
+@pytest.mark.long
 def test_a_blind_robot_is_held_by_tags(
     driven: tuple[Simulated, SlamResult, tuple[TagObservation, ...]],
 ) -> None:
@@ -118,6 +119,7 @@ def test_surveyed_tags_put_the_map_into_their_frame(
     assert max(np.sqrt(np.trace(tag.covariance[:2, :2])) for tag in result.landmarks) < 0.004
 
 
+@pytest.mark.long
 def test_mistaken_numbers_are_doubted(
     driven: tuple[Simulated, SlamResult, tuple[TagObservation, ...]],
 ) -> None:
@@ -156,6 +158,7 @@ def test_a_surveyed_tag_that_stands_elsewhere_is_told(
     assert told[0].startswith("tag 4 ")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("wrong", [1, pytest.param(3, marks=pytest.mark.slow)])
 def test_a_wrong_survey_of_one_tag_is_found_where_the_lidar_is_blind(
     driven: tuple[Simulated, SlamResult, tuple[TagObservation, ...]], wrong: int
@@ -172,6 +175,7 @@ def test_a_wrong_survey_of_one_tag_is_found_where_the_lidar_is_blind(
     assert [tag.number for tag in result.landmarks if not tag.is_surveyed] == [wrong]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("factor", [0.8, pytest.param(1.1, marks=pytest.mark.slow)])
 def test_a_wrong_size_of_the_tags_is_told_where_the_lidar_is_blind(
     driven: tuple[Simulated, SlamResult, tuple[TagObservation, ...]], factor: float
@@ -268,6 +272,7 @@ def test_steps_are_cut_where_tags_are_seen_between_key_frames(
         assert np.allclose(edge.T_source_target, between(*there))
 
 
+@pytest.mark.long
 def test_tags_of_a_camera_that_sits_otherwise_leave_a_lidars_path_as_good() -> None:
     """15 mm and 0.3 degrees off, 12 ms late: far more than the lidar's path is off."""
     sim = room(3)
@@ -292,6 +297,7 @@ def test_tags_of_a_camera_that_sits_otherwise_leave_a_lidars_path_as_good() -> N
     assert both[0] < 1.2 * both[1]
 
 
+@pytest.mark.long
 def test_tags_of_an_earlier_map_are_landmarks_of_the_continued_one(tmp_path: Path) -> None:
     (first, second), (mapped, saved) = two_drives(), mapped_room()
     saved = replace(saved, landmarks=saved.landmarks[:3])
@@ -333,6 +339,7 @@ def test_tags_of_an_earlier_map_are_landmarks_of_the_continued_one(tmp_path: Pat
     assert claimed[0] > 0.8 * claimed[1]
 
 
+@pytest.mark.long
 def test_a_tag_that_was_carried_elsewhere_is_mapped_anew() -> None:
     (first, second), (mapped, saved) = two_drives(), mapped_room()
     places = TAGS_IN_ROOM.copy()
@@ -351,6 +358,7 @@ def test_a_tag_that_was_carried_elsewhere_is_mapped_anew() -> None:
     assert told[0].startswith("tag 0 ")
 
 
+@pytest.mark.long
 def test_tags_of_a_drive_that_nothing_joins_hang_on_its_own_first_key_frame() -> None:
     (_, second), (_, saved) = two_drives(), mapped_room()
     saved = replace(saved, landmarks=())

@@ -251,6 +251,7 @@ def test_each_row_of_a_rolling_shutter_counts_from_its_own_pose() -> None:
     assert columns[0] == 1 and columns[1] > 1
 
 
+@pytest.mark.long
 def test_bad_labels_do_not_take_the_obstacles_along(
     mapped: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -51,6 +51,7 @@ def _edge_errors(steps: list[RgbdStep], path: list[FloatArray]) -> list[float]:
     return nees
 
 
+@pytest.mark.long
 def test_it_follows_an_exact_scene() -> None:
     path = _path(30)
     nees: list[float] = []
@@ -106,6 +107,7 @@ def test_images_of_another_size_are_refused() -> None:
         RgbdOdometry(MODEL).step(0, np.zeros((2, 2), np.uint8), np.zeros((2, 2), np.float32))
 
 
+@pytest.mark.long
 @needs(LIVINGROOM)
 def test_the_living_room_is_followed() -> None:
     """At most 1 % of the path: ATE, and 1.2 % at its end; ``docs/cameras.md`` has more."""

@@ -47,6 +47,7 @@ def test_a_tag_is_found_where_it_was_drawn(family: str) -> None:
     assert np.abs(seen.corners_px - corners).max() < 0.1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("model", [LENS, FISHEYE], ids=["brown", "fisheye"])
 def test_the_lens_is_taken_out(model: CameraModel) -> None:
     for seed in range(4):
@@ -60,6 +61,7 @@ def test_the_lens_is_taken_out(model: CameraModel) -> None:
         assert np.abs(step[:3]).max() < 0.01
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "model",
     [pytest.param(LENS, id="brown", marks=pytest.mark.slow), pytest.param(FISHEYE, id="fisheye")],
@@ -144,6 +146,7 @@ def test_what_fits_both_ways_is_told() -> None:
     assert wrong < 6
 
 
+@pytest.mark.long
 def test_edges_are_where_the_light_is_half_way() -> None:
     """Coded as sRGB, tags look smaller; in linear light they are as large as they are."""
     plain, linear = [], []
@@ -161,6 +164,7 @@ def test_edges_are_where_the_light_is_half_way() -> None:
     assert abs(np.mean(linear)) < 0.001
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("codes", "is_colour"),
     [

@@ -97,6 +97,7 @@ def test_every_block_is_of_a_kind_that_is_tried() -> None:
     assert len(commands()) > 40 and len(programs()) >= 6
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("drives_here", "undrawn_figures")
 @pytest.mark.parametrize(
     "example",

@@ -130,6 +130,7 @@ def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("slamsim.dataset.catalogue.figures.dataset_figures", lambda *_: ())
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("without_figures")
 def test_the_example_learns_from_a_small_data_set(
     one_worker: WorkEngine, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -150,6 +151,7 @@ def code_cells(notebook: Path) -> list[str]:
     return ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("drives_here", "undrawn_figures", "made_by_one_worker")
 @pytest.mark.parametrize("times", [1, pytest.param(2, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: str(path.stem))
@@ -233,6 +235,7 @@ def cv2_nearest(cells: NDArray[np.bool_], shape: tuple[int, int]) -> NDArray[np.
     return np.asarray(cells[np.ix_(rows.astype(int), columns.astype(int))])
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("without_figures")
 def test_the_floor_is_asked_of_a_few_images(one_worker: WorkEngine, tmp_path: Path) -> None:
     """Far too few to learn anything: that the experiment runs to its end."""

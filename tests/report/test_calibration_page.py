@@ -48,6 +48,7 @@ def test_what_is_inconclusive_is_not_said_to_be_as_claimed(
     assert ("all is as claimed" in text) == (told == "all is as claimed.")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("topic", ['/a"><b onclick="x">', "/front left/(a)\\d"])
 def test_names_of_topics_are_no_html_of_figures(topic: str, tmp_path: Path) -> None:
     page = tmp_path / "report.html"

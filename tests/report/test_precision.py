@@ -49,6 +49,7 @@ def run() -> RunView:
     return with_precision(example_run())
 
 
+@pytest.mark.long
 def test_the_report_tells_the_limit_the_budget_and_the_doubts(run: RunView) -> None:
     page, numbers = report_html(run), report_json(run)
     assert page.count("<svg") == 7 + 1 + 4

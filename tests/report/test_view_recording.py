@@ -66,6 +66,7 @@ def test_a_recording_is_shown_without_a_map(tmp_path: Path) -> None:
         assert check_recording(tmp_path / "raw.rrd").errors == ()
 
 
+@pytest.mark.long
 def test_a_viewer_opens_it_without_an_error_and_with_a_whole_transform_tree(
     recording: Path,
 ) -> None:
@@ -107,6 +108,7 @@ def screenshot(
     return place / "map.png", [*home.rglob("*"), *temporary.rglob("*")]
 
 
+@pytest.mark.long
 def test_a_screenshot_leaves_nothing_at_home_nor_among_temporary_files(
     screenshot: tuple[Path, list[Path]],
 ) -> None:
@@ -307,6 +309,7 @@ def test_without_a_driver_the_user_is_told_which_package_to_install(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.long
 def test_a_browser_is_given_a_page_of_this_machine_until_ctrl_c(recording: Path) -> None:
     code = (
         "import pathlib, sys; from slamsim.report.viewer.show import view_run;"

@@ -18,6 +18,7 @@ TYPED = (
 )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "every",
     [

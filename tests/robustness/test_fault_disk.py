@@ -40,6 +40,7 @@ def struck(every: int, *plans: str) -> int:
     return int(json.loads(counts)["struck"])
 
 
+@pytest.mark.long
 def test_each_kind_of_call_of_all_that_writes() -> None:
     """Six kinds at least of each stage: four of folders and files, two of formats, two of sets."""
     plans = ("folders:full,broken,killed", "writers:full", "sets:full,killed")

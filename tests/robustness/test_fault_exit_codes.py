@@ -136,6 +136,7 @@ def test_a_data_set_is_not_made_where_it_does_not_stay(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -164,6 +165,7 @@ def test_a_full_disk_behind_standard_output_is_75(arguments: list[str], folder: 
     assert "| 75 |" in EXIT_CODES
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("arguments", [["--version"], ["config", "tiny"]])
 def test_who_reads_no_more_and_who_never_did_hear_nothing(
     arguments: list[str], tmp_path: Path
@@ -187,6 +189,7 @@ def test_who_reads_no_more_and_who_never_did_hear_nothing(
     assert (done.returncode, done.stderr) == (0, b"")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("hard_s", [1, 1000])
 def test_the_limit_of_processor_time_is_told(hard_s: int, tmp_path: Path) -> None:
     """By SIGXCPU at the soft limit; where the hard one is the same, by SIGKILL."""
@@ -256,6 +259,7 @@ def test_a_second_process_on_a_folder_is_told_before_it_loads_anything(folder: P
     assert not (folder / "held").exists()
 
 
+@pytest.mark.long
 def test_runs_that_begin_at_once_take_names_of_their_own(tmp_path: Path) -> None:
     arguments = ("world", "tiny", "--json")
     runs = [Run(*arguments, cwd=tmp_path) for _ in range(2)]

@@ -20,6 +20,7 @@ from slamsim.guard.errors import InputRefused
 pytestmark = pytest.mark.fault
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("cases", [60, pytest.param(150, marks=pytest.mark.slow)])
 def test_damaged_inputs_of_all_formats_are_read_right_or_refused(
     cases: int, tmp_path: Path
@@ -64,6 +65,7 @@ def _warn() -> object:
     return np.log(np.zeros(1))
 
 
+@pytest.mark.long
 def test_the_judge_tells_every_outcome_and_goes_on_after_a_death() -> None:
     tries: list[tuple[Outcome, Try]] = [
         ("right", Try("sound", lambda: 1)),
@@ -85,6 +87,7 @@ def test_the_judge_tells_every_outcome_and_goes_on_after_a_death() -> None:
     assert "SIGSEGV" in found[5].detail and "code 7" in found[9].detail
 
 
+@pytest.mark.long
 def test_the_judge_ends_what_hangs_and_goes_on() -> None:
     tries = [Try("busy", _go_on), Try("asleep", lambda: time.sleep(60.0)), Try("sound", int)]
     found = [verdict.outcome for verdict in judged(tries, hang_s=1.0)]

@@ -130,6 +130,7 @@ def test_members_of_gzip_after_a_damaged_one_come_back(tmp_path: Path) -> None:
     assert any("may be wrong" in note for note in told.notes)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["a.clf.gz", "a.clf.bz2"])
 def test_a_bomb_is_refused(name: str, tmp_path: Path) -> None:
     bomb = b"0" * (80 << 20)

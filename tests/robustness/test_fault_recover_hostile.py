@@ -98,6 +98,7 @@ HOSTILE: dict[str, tuple[str, Callable[[], bytes]]] = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", HOSTILE)
 def test_hostile_files_stay_within_memory_and_time(kind: str, tmp_path: Path) -> None:
     name, make = HOSTILE[kind]

@@ -60,6 +60,7 @@ def killed_writer(run: Path, after_s: float) -> int:
         return 1 + len(rest.read())
 
 
+@pytest.mark.long
 def test_a_killed_writer_loses_at_most_one_chunk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

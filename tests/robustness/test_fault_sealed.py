@@ -64,6 +64,7 @@ def test_a_table_that_is_missing_is_missed(small_set: Path, tmp_path: Path) -> N
     assert read_log(sequence / "parquet").imu is None
 
 
+@pytest.mark.long
 def test_a_data_set_vouches_for_nothing_while_its_catalogue_is_written(
     small_set: Path, tmp_path: Path
 ) -> None:
@@ -76,6 +77,7 @@ def test_a_data_set_vouches_for_nothing_while_its_catalogue_is_written(
     assert verify(str(place)).whole
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["data set", "map", "world"])
 def test_a_few_changed_bytes_are_seen(kind: str, grounds: dict[str, Ground]) -> None:
     found = [case(grounds[kind], number, campaign=1) for number in range(CASES)]

@@ -326,6 +326,7 @@ SETTINGS = settings(
 MACHINES = {"a run": Run, "a data set": DataSet}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", MACHINES)
 def test_any_sequence_of_days(kind: str) -> None:
     require_watching()

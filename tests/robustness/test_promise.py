@@ -21,6 +21,7 @@ pytestmark = pytest.mark.fault
 JOBS = 2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "seeds", [range(8, 16), pytest.param(range(40), marks=pytest.mark.slow)], ids=str
 )

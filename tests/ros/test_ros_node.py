@@ -176,6 +176,7 @@ def test_help_and_launch_file_are_told_without_ros() -> None:
     assert Path(ended("--launch-file").stdout.strip()) == LAUNCH_FILE
 
 
+@pytest.mark.long
 def test_a_node_that_waits_for_a_robot_ends_at_ctrl_c(tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = ("--ros-args", "-p", "odom_topic:=/odom", "-p", f"output_folder:={out}")

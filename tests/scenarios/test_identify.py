@@ -138,6 +138,7 @@ def test_a_synthetic_robot_is_found_again() -> None:
     np.testing.assert_allclose(fit.prediction.values, [f.value for f in config.figures], atol=0.1)
 
 
+@pytest.mark.long
 def test_without_its_scenario_a_figure_is_foreseen_with_honest_doubt() -> None:
     blank = measurements()
     draws, space = drawn(blank, 4), space_with({})

@@ -125,6 +125,7 @@ def test_the_command_leaves_a_whole_folder_and_tells_its_numbers(tmp_path: Path)
     assert (out / "integrator.rrd").read_bytes().startswith(b"RRF")
 
 
+@pytest.mark.long
 def test_ctrl_c_ends_it_with_all_its_workers_and_leaves_nothing(tmp_path: Path) -> None:
     with running("scenario", "stacking", "--out", "out", "--quiet", cwd=tmp_path) as run:
         wait_for(lambda: list(tmp_path.glob(".out.slamsim-*/new")))

@@ -110,6 +110,7 @@ def test_the_weight_along_the_slope_is_that_of_the_robot() -> None:
     assert number(one.values, "push_needed_n") == pytest.approx(expected_n)
 
 
+@pytest.mark.long
 @given(angle_deg=st.floats(1.0, 89.0), approach_m=st.floats(0.0, 5.0), width_m=st.floats(0.1, 5.0))
 def test_the_box_is_touched_after_the_approach(
     angle_deg: float, approach_m: float, width_m: float

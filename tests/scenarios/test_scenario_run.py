@@ -31,6 +31,7 @@ def test_rows_are_the_same_bytes_for_any_number_of_workers_and_in_the_order_of_t
     assert [type(value) for value in one.rows[0].values()] == [str, int, float, float, bool]
 
 
+@pytest.mark.long
 def test_trials_that_fail_die_or_hang_are_told_of_and_the_others_go_on() -> None:
     ways: dict[str, Way] = {"0": "raises", "1": "dies", "2": "not finite", "4": "hangs"}
     result = run(jobs=2, limit_s=3.0, trials=6, ways=ways)

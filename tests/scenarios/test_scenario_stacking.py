@@ -102,6 +102,7 @@ def stacks() -> list[Outcome]:
     return run_all(stacking.SCENARIO, STACKS)
 
 
+@pytest.mark.long
 def test_a_stack_stands_below_the_smallest_that_falls(stacks: list[Outcome]) -> None:
     """The row of a time step is held against stacks that are run again, one by one."""
     values = stacks[1].values

@@ -221,6 +221,7 @@ class Unresolved(SensorEntry):
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("module", "why"),
     [

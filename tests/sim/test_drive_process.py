@@ -107,6 +107,7 @@ def stop_myself() -> None:
     os.kill(os.getpid(), signal.SIGSTOP)
 
 
+@pytest.mark.long
 def test_a_stopped_worker_is_told_and_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("slamsim.process.children.HALTED_S", 1.0)
     with Workers(1) as workers:

@@ -109,6 +109,7 @@ def test_the_same_drive_twice_to_the_last_bit() -> None:
     assert first == second == _digest(_tour()[0])
 
 
+@pytest.mark.long
 def test_a_drive_is_not_disturbed_by_another_one_beside_it() -> None:
     world, config = _small_world(), DriveConfig(follow=QUICK, physics=PhysicsConfig(window_s=1.0))
     route = plan_route(world, ROBOT, config)

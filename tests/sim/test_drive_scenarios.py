@@ -66,6 +66,7 @@ def test_a_robot_that_is_always_the_same_drives_once() -> None:
     assert labels == ["turtlebot2, run 1", "ideal motors, run 1"]
 
 
+@pytest.mark.long
 def test_calibration_finds_the_faults_and_makes_errors_small(squares: list[Outcome]) -> None:
     findings = UMBMARK.conclude(SQUARES, squares)
     numbers = findings.numbers

@@ -55,6 +55,7 @@ def _nees(found: FloatArray, covariances: FloatArray, true: FloatArray) -> Float
     return np.square(sigmas_off(true, edges[1:]))
 
 
+@pytest.mark.long
 def test_a_chain_errs_as_it_claims() -> None:
     true, rng = _circle(), np.random.default_rng(0)
     nees = []

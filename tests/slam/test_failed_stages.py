@@ -62,6 +62,7 @@ def result() -> SlamResult:
     return run_slam(example().log, SlamConfig(calibrate_laser=False))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stage", ["closures", "solve", "calibrate", "refine", "check", "smooth"])
 def test_a_stage_that_fails_leaves_the_work_of_those_before(
     monkeypatch: pytest.MonkeyPatch, stage: str
@@ -107,6 +108,7 @@ def recording(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("stage", [pytest.param("refine", marks=pytest.mark.slow), "map", "report"])
 def test_a_run_with_a_failed_stage_is_on_disk_and_ends_with_1(
     monkeypatch: pytest.MonkeyPatch, recording: Path, tmp_path: Path, stage: str

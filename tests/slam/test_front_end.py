@@ -177,6 +177,7 @@ def test_a_slipping_wheel_is_overruled_by_the_scan(drive: Simulated) -> None:
     assert ate_rmse_m(run.trajectory(), drive.truth) < 0.02
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_corridor_is_no_worse_than_odometry(seed: int) -> None:
     """Two walls without end, a lidar that sees neither end: along it only the wheels can tell."""

@@ -78,6 +78,7 @@ def test_a_system_without_a_solution_names_the_key_frame(bad: float) -> None:
     assert refusal.value.keyframe == 111
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("count", [900, 2000, 6000])
 def test_a_chain_without_closures_has_the_sum_of_its_steps(count: int) -> None:
     """Entries of the factor shrink along it; they vanished after some 740 key frames."""

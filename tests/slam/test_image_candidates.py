@@ -82,6 +82,7 @@ def _closed(end: BackEnd) -> list[tuple[int, int]]:
     return [(edge.source, edge.target) for edge in end.new_closures()]
 
 
+@pytest.mark.long
 def test_of_places_that_the_lidar_cannot_tell_apart_images_tell_the_right_one(
     driven: tuple[list[Keyframe], FloatArray],
 ) -> None:
@@ -93,6 +94,7 @@ def test_of_places_that_the_lidar_cannot_tell_apart_images_tell_the_right_one(
     assert np.hypot(*(joined.poses - true)[-1, :2]) < 0.02
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("off", [[0.0, 3.0, 0.0], [0.0, 0.0, 1.57], [9.0 * PITCH_M, 0.0, 0.0]])
 def test_what_images_say_and_walls_contradict_changes_nothing(
     driven: tuple[list[Keyframe], FloatArray], off: list[float]

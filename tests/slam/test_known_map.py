@@ -102,6 +102,7 @@ def test_what_is_no_map_is_said_to_be_none(tmp_path: Path) -> None:
         chosen_earlier(tmp_path, None)
 
 
+@pytest.mark.long
 def test_a_second_drive_becomes_one_map_with_the_first() -> None:
     drive = later_drive(60, 250)
     slam, saved = map_log(drive.log, CONFIG, earlier=mapped()[1])

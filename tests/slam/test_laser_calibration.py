@@ -124,6 +124,7 @@ def test_errors_of_sixteen_drives_are_as_large_as_claimed() -> None:
     assert (by_number > 0.01).all(), "sigmas ten times too large tell nothing"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_a_healthy_laser_is_left_alone(seed: int) -> None:
     log = healthy(seed).log
@@ -135,6 +136,7 @@ def test_a_healthy_laser_is_left_alone(seed: int) -> None:
 FEW_BEAMS = ScanGeometry(np.deg2rad(-90.0), np.deg2rad(180.0 / 93.0), 94, 0, 0.1, 20.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [0, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 2, 3))])
 def test_noise_that_bends_sparse_scans_is_no_error_of_the_laser(seed: int) -> None:
     """Angles seemed 0.8 to 1.1 % too large, eight sigmas, and ranges 16 mm too long."""
@@ -215,6 +217,7 @@ def test_a_turned_laser_at_the_origin_stays_there() -> None:
     assert abs(found.values[3] - MOUNT[0]) < 4.0 * found.sigmas[3], "told, but not corrected"
 
 
+@pytest.mark.long
 def test_without_odometry_the_shape_of_scans_is_found() -> None:
     errors = LaserErrors(angle_step=0.01)
     found = found_in(errors.of(replace(healthy(0).log, odometry=None, imu=None)))

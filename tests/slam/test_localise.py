@@ -83,6 +83,7 @@ def off_m(found: Localised, truth: PlanarTrajectory, T: FloatArray) -> FloatArra
     return np.asarray(np.hypot(off[:, 0], off[:, 1]))
 
 
+@pytest.mark.long
 def test_a_robot_finds_itself_in_the_middle_of_the_map_to_millimetres() -> None:
     drive, (slam, saved) = some(second_drive(), 120, 220), mapped()
     before = saved.poses.copy()
@@ -93,6 +94,7 @@ def test_a_robot_finds_itself_in_the_middle_of_the_map_to_millimetres() -> None:
     assert np.array_equal(saved.poses, before)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("wrong", [(0.1, -0.1, 0.03), (2.0, 0.0, 1.0)])
 def test_a_start_helps_and_a_wrong_one_does_no_harm(wrong: tuple[float, float, float]) -> None:
     drive, T = some(second_drive(), 120, 270), T_world_map(first_drive(), mapped()[0])
@@ -128,6 +130,7 @@ def test_a_drive_that_begins_on_new_ground_goes_where_all_of_it_fits() -> None:
     assert off_m(found, drive.truth, T_world_map(part, slam)).max() < 0.02
 
 
+@pytest.mark.long
 def test_new_ground_is_followed_by_odometry_and_said_to_be() -> None:
     room, both = simulate(ROOM, TO_AND_FRO[:2], seed=1), simulate(TWO_ROOMS, TO_AND_FRO, seed=4)
     slam, saved = map_log(room.log, CONFIG)
@@ -147,6 +150,7 @@ def test_new_ground_is_followed_by_odometry_and_said_to_be() -> None:
     assert f"{followed} by odometry (" in line and "0 at an unknown place" in line
 
 
+@pytest.mark.long
 def test_where_two_places_are_equal_the_place_is_unknown() -> None:
     one, two = (simulate(TWO_ROOMS, TO_AND_FRO, seed=seed, max_s=32.0) for seed in (2, 5))
     slam, saved = map_log(one.log, CONFIG)
@@ -159,6 +163,7 @@ def test_where_two_places_are_equal_the_place_is_unknown() -> None:
     assert off_m(found, two.truth, T_world_map(one, slam)).max() < 0.01
 
 
+@pytest.mark.long
 def test_what_makes_a_place_unique_places_all_that_was_driven_before() -> None:
     walls = np.concatenate([TWO_ROOMS, CABINET])
     one, two = (simulate(walls, TO_AND_FRO, seed=seed, max_s=32.0) for seed in (2, 5))

@@ -30,6 +30,7 @@ def _alike(one: Log, other: Log) -> None:
         np.testing.assert_array_equal(a.ranges_m, b.ranges_m)
 
 
+@pytest.mark.long
 @needs_radish
 def test_a_log_backward_or_mirrored_twice_is_the_log() -> None:
     log = read_log(radish("aces")[0])

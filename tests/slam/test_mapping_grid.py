@@ -68,6 +68,7 @@ def at_scans(truth: PlanarTrajectory, scans: list[Scan]) -> PlanarTrajectory:
     return PlanarTrajectory(stamps_ns, truth.at(stamps_ns))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("resolution_m", [0.03, 0.05, 0.1])
 def test_walls_are_where_they_are_and_what_is_seen_through_is_free(
     mapped: tuple[FloatArray, PlanarTrajectory, list[Scan]], resolution_m: float
@@ -105,6 +106,7 @@ def test_the_map_shows_the_walls_that_the_beams_met(
     assert np.mean(nearest <= 1.5 * grid.resolution_m) >= 0.98
 
 
+@pytest.mark.long
 def test_the_same_scans_give_the_same_bytes_and_thinning_only_drops_scans(
     mapped: tuple[FloatArray, PlanarTrajectory, list[Scan]],
 ) -> None:

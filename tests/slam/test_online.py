@@ -74,6 +74,7 @@ def driven() -> tuple[list[Step], SlamResult]:
         return drive(session), session.finish()
 
 
+@pytest.mark.long
 def test_on_line_is_as_good_as_over_the_whole_log() -> None:
     steps, result = driven()
     whole = run_slam(example().log, SlamConfig(calibrate_laser=False))  # as on line
@@ -97,6 +98,7 @@ def test_steps_tell_smooth_odometry_quality_and_covariances() -> None:
         assert np.isfinite(carried).all()
 
 
+@pytest.mark.long
 def test_a_killed_back_end_is_told_and_begun_again_with_all_it_knew() -> None:
     with opened() as session:
         drive(session, slice(150))
@@ -111,6 +113,7 @@ def test_a_killed_back_end_is_told_and_begun_again_with_all_it_knew() -> None:
     assert ate_rmse_m(result.trajectory, example().truth) < 0.01
 
 
+@pytest.mark.long
 def test_a_stopped_back_end_is_begun_again_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("slamsim.process.children.HALTED_S", 1.0)
     with opened() as session:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.sparse import coo_matrix
@@ -74,6 +75,7 @@ def test_told_is_what_falls_apart_without_its_own_edge(data: st.DataObject) -> N
     assert told == {k for k in unchecked if k not in alone and falls_apart(edges, k, count)}
 
 
+@pytest.mark.long
 @given(st.data())
 def test_closures_that_slid_along_one_corridor_check_nothing_along_it(data: st.DataObject) -> None:
     """Many of them, their directions off by some degrees, are no more than one; together with one

@@ -88,6 +88,7 @@ def first(scans: RawScans, count: int) -> RawScans:
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("share", "count"), [(0.9, 90), pytest.param(0.8, 200, marks=pytest.mark.slow)]
 )

@@ -77,6 +77,7 @@ def test_scans_beside_one_are_left_out_where_the_motion_does_not_reach() -> None
     assert late.within(scan.stamp_ns + 1, late.span_ns[1]) is None
 
 
+@pytest.mark.long
 def test_two_lidars_see_behind_the_robot_what_one_does_not() -> None:
     """Half a view in front ends at the robot; with the other half the walls behind it are seen."""
     both = cleaned(front_and_rear(HALF_VIEW))

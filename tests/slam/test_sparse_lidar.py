@@ -193,6 +193,7 @@ def test_key_frames_are_made_of_scans_that_were_matched() -> None:
         assert frame.odometry is not None and len(frame.view) >= 5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("gyro", [True, False])
 def test_a_labyrinth_is_mapped_with_36_beams(gyro: bool) -> None:
     simulated = sparse_drive(gyro)

@@ -272,6 +272,7 @@ def test_a_solid_block_has_no_room_for_a_robot(tmp_path: Path) -> None:
         world_of(tmp_path / "block.ply")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("unit", "warned"), [(1.0, False), (60.0, True), (1000.0, None), (0.0254, False)]
 )
@@ -293,6 +294,7 @@ def test_a_mesh_in_another_unit_is_told(
     assert len(told) == len(caplog.messages) == int(bool(warned))
 
 
+@pytest.mark.long
 def test_an_image_of_the_wrong_resolution_is_told(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -158,6 +158,7 @@ def test_every_room_has_a_door_to_the_corridor(
     assert rooms == with_door - {corridor}
 
 
+@pytest.mark.long
 def test_linked_rooms_make_loops() -> None:
     def doors(linked: float) -> int:
         return len(grow_rooms(RoomsLayout(linked=linked), 1).doors)
