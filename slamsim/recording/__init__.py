@@ -98,6 +98,7 @@ class RawScans(RawStream):
     of float32 as recorded (an array when all have as many beams, else a sequence of arrays, which
     may read the file only when asked). intensities likewise, None without any. range_is_estimated:
     the format declares no maximum, so that ``range_max_m`` is what the readings themselves say.
+    in_order: False where the order in which the beams of a turn were measured is lost.
     other_intensities: messages that hold some, but not as many as ranges. note: how the scans were
     made of other messages, in words; then they cannot be written back, and have no origin.
     """
@@ -109,6 +110,7 @@ class RawScans(RawStream):
     ranges_m: Sequence[Float32Array] | Float32Array
     intensities: Sequence[Float32Array] | Float32Array | None = None
     range_is_estimated: bool = field(default=False, kw_only=True)
+    in_order: bool = field(default=True, kw_only=True)
     other_intensities: int = field(default=0, kw_only=True)
     note: str = field(default="", kw_only=True)
 

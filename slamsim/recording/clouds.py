@@ -39,9 +39,10 @@ between things. A camera that is thinned to 106 columns has half of its beams em
 degree, and would pass for a lidar that loses them."""
 _IN_ORDER = 0.95
 """Of the steps from point to point, in one direction: by chance it is half of them."""
-_ANYWHERE = 0.125
-"""Half of the steps of points in no order are longer than a quarter of a turn, and an eighth where
-a filter sorts them by where they lie."""
+_JUMP, _JUMPS = 1.0 / 16.0, 0.05
+"""Of a turn, and of the steps that change direction. Points in order jump only over what returns
+nothing, 16 times a turn at the most: 0 to 2 % of 900 to 5000 points. Those that a voxel filter
+sorts by x, y, z jump in 17 to 21 % (voxels of 5 and 10 cm), those in no order in 88 %."""
 _IN_NO_ORDER = (
     "; its points are in no order either, as after a voxel filter: when in a turn each was "
     "measured is lost (the driver's own clouds tell it)"
@@ -112,6 +113,7 @@ class _Plan:
     ring: None where heights_m, above the sensor, choose. beams: of a full turn, the first at
     phase_rad. first, count: those that the lidar sees. sweep: None for clouds without times; then
     turns is the direction in which the points of a cloud follow each other, 0 if in none.
+    in_order: False where a turn's points do not follow each other, so that their times are lost.
     """
 
     ring: int | None
@@ -122,6 +124,7 @@ class _Plan:
     count: int
     sweep: Sweep | None
     turns: int = 0
+    in_order: bool = True
 
     @property
     def step_rad(self) -> float:
@@ -208,6 +211,7 @@ class CloudSlicer:
             layout_of=np.array(self._layout_of, dtype=np.int32),
             ranges_m=self._ranges.rows(),
             range_is_estimated=True,
+            in_order=self._plan is None or self._plan.in_order,
             note=self.note,
         )
 
@@ -261,19 +265,20 @@ def _planned(clouds: Sequence[Points], place: Place, wanted_m: Heights | None) -
     sweep, timed = sweep_of(chosen)
     how = words or place.in_words(heights_m)
     note = f"cut out of point clouds: {how}, {360.0 / beams:.2g} deg a beam; {timed}"
-    turns = 0
-    if sweep is None:
-        steps = _steps(chosen, beams)
-        turns = _turns(steps)
-        if count == beams and _is_unordered(steps, beams):
-            note += _IN_NO_ORDER
-    return _Plan(ring, heights_m, beams, phase_rad, first, count, sweep, turns), note
+    plan = _Plan(ring, heights_m, beams, phase_rad, first, count, sweep)
+    if sweep is not None:
+        return plan, note
+    steps = _steps(chosen, beams)
+    turns = _turns(steps)
+    in_order = turns != 0 or count < beams or not _jumps(steps, beams)
+    return replace(plan, turns=turns, in_order=in_order), note + ("" if in_order else _IN_NO_ORDER)
 
 
-def _is_unordered(steps: IntArray, beams: int) -> bool:
-    """Whether the next point lies anywhere in the turn, as after a voxel filter. Several channels
-    that fire together at other azimuths are some beams apart."""
-    return steps.size > 0 and float(np.median(np.abs(steps))) > _ANYWHERE * beams
+def _jumps(steps: IntArray, beams: int) -> bool:
+    """Whether the next point often lies elsewhere in the turn, as after a voxel filter. Several
+    channels that fire together at other azimuths are some beams apart."""
+    changes = np.abs(steps[steps != 0])
+    return changes.size > 0 and float((changes > _JUMP * beams).mean()) > _JUMPS
 
 
 def _steps(clouds: Sequence[Points], beams: int) -> IntArray:

@@ -47,7 +47,7 @@ BEAM_DT_S = LIDAR.beam_dt_ns * 1e-9
 def findings(of: Recording) -> dict[str, Finding]:
     motions = laser_motions(of)
     assert motions is not None
-    alone = check_laser(motions, gather_inputs(of, motions), of.format)
+    alone = check_laser(motions, gather_inputs(of, motions), of)
     angles = check_angles(motions, None) if motions.windows else []
     found = [*alone, *angles]
     assert len({finding.check for finding in found}) == len(found)
@@ -206,6 +206,13 @@ def test_wrong_beam_times_are_named(declared: float, fault: str) -> None:
     true_ms = 1e3 * BEAM_DT_S * (LIDAR.beam_count - 1)
     wanted = true_ms if declared == 0.0 else 1.0 / declared
     assert estimate.value == pytest.approx(wanted, rel=0.05)
+
+
+def test_beams_whose_order_is_lost_do_not_tell_how_long_a_sweep_lasts() -> None:
+    of = with_layout(healthy(), beam_dt_s=0.0)
+    found = findings(with_scans(of, replace(of.scans[0], in_order=False)))
+    assert found["laser.sweep"].verdict == "inconclusive"
+    assert not found["laser.sweep"].repairs
 
 
 def test_a_flash_scan_with_beam_times_is_named() -> None:

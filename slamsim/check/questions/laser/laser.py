@@ -18,21 +18,21 @@ from slamsim.check.questions.laser.shape import (
     check_range_offset,
     check_sweep,
 )
-from slamsim.recording import RecordingFormat
+from slamsim.recording import Recording
 from slamsim.slam.laser.scan_motion import ScanMotions
 
 
-def check_laser(
-    motions: ScanMotions, inputs: Inputs, recorded_as: RecordingFormat
-) -> list[Finding]:
-    """Rotation, sweep and offset of the ranges. inputs: of the same recording."""
+def check_laser(motions: ScanMotions, inputs: Inputs, of: Recording) -> list[Finding]:
+    """Rotation, sweep and offset of the ranges. of: what motions and inputs come from."""
     if not motions.windows:
         words = f"the scans tell nothing of their motion: {motions.weak}"
         return [unanswered(ROTATION, motions.topic, words)]
-    rotation, sweep = check_rotation(inputs), check_sweep(motions, recorded_as)
+    rotation, sweep = check_rotation(inputs), check_sweep(motions, of.format)
     if rotation.fault == "laser_world_fixed" and sweep.verdict == "fault":
         # A beam that does not turn with the laser has no fixed place among the others.
         sweep = sweep.inconclusive("rays fixed to the world hide it")
+    if not next(scans for scans in of.scans if scans.topic == motions.topic).in_order:
+        sweep = sweep.inconclusive("the order of the points is lost, and when each was measured")
     return [rotation, sweep, check_range_offset(motions)]
 
 
@@ -40,7 +40,7 @@ def _asked(evidence: RecordingEvidence) -> Sequence[Finding]:
     motions = evidence.motions
     if motions is None:
         return []
-    return check_laser(motions, evidence.inputs, evidence.recording.format)
+    return check_laser(motions, evidence.inputs, evidence.recording)
 
 
 def _angles(evidence: RecordingEvidence) -> Sequence[Finding]:
