@@ -64,6 +64,13 @@ def signed_words(value: float, unit: str, more: str, less: str, places: int | No
     return f"{as_number(abs(size), 3)} {unit} {more if size > 0.0 else less}"
 
 
+def taken_off(value: float, unit: str, what: str) -> str:
+    """How to correct what is too large by a size: -0.04 s of "its stamps" are "Add 0.04 s to its
+    stamps"."""
+    size = f"{abs(value):.4g} {unit}".rstrip()
+    return f"Subtract {size} from {what}" if value > 0.0 else f"Add {size} to {what}"
+
+
 def warning(finding: Finding) -> str:
     """A fault, as it stands among the warnings of a run: without its meaning where the evidence
     says the same in the same words."""

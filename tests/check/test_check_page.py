@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slamsim.check.findings import CheckReport, Curve, Finding, Measurement, Plot
-from slamsim.check.wording import headline, signed_words
+from slamsim.check.wording import headline, signed_words, taken_off
 from slamsim.report.pages.check import check_page
 
 
@@ -53,6 +53,11 @@ def test_the_headline_names_the_fault_or_says_that_there_is_none() -> None:
     fine = CheckReport("x", report().findings[2:])
     assert headline(fine) == "Nothing is wrong."
     assert "1 question stays open" in headline(CheckReport("x", report().findings[1:]))
+
+
+def test_advice_adds_what_is_too_small() -> None:
+    assert taken_off(0.04, "s", "its stamps") == "Subtract 0.04 s from its stamps"
+    assert taken_off(-0.04, "", "every range") == "Add 0.04 to every range"
 
 
 def test_a_size_is_told_without_a_sign() -> None:

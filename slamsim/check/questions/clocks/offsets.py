@@ -19,6 +19,7 @@ from slamsim.check.questions.clocks.pairs import (
 )
 from slamsim.check.questions.streams.epochs import EPOCH_MISMATCH
 from slamsim.check.questions.streams.receipt import CLOCK_DRIFT, STAMPS_INVENTED
+from slamsim.check.wording import taken_off
 from slamsim.guard.quantities import as_interval
 from slamsim.recording.repairs.base import Repair
 
@@ -216,7 +217,7 @@ def _culprit(
         verdict="fault",
         limit=1e3 * LIMITS_S[surest.pair],
         fault=fault,
-        advice=f"Subtract {late_s:.4g} s from its stamps, or stamp at the instant of measurement.",
+        advice=f"{taken_off(late_s, 's', 'its stamps')}, or stamp at the instant of measurement.",
         repairs=(Repair("shift_stamps", topic, {"offset_s": -late_s}),),
     )
 

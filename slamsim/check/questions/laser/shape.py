@@ -14,7 +14,7 @@ from slamsim.check.fault_groups import LIDAR_TIMES, SWEEPS
 from slamsim.check.findings import SURE_SIGMAS, Curve, Finding, Measurement, Plot, Verdict, decide
 from slamsim.check.motion.laser_steps import ANGLE_LIMIT
 from slamsim.check.question import FaultKind, Question, anywhere, judge
-from slamsim.check.wording import signed_words
+from slamsim.check.wording import signed_words, taken_off
 from slamsim.recording import RecordingFormat
 from slamsim.recording.repairs.base import Repair
 from slamsim.slam.laser.scan_motion import ScanMotions, ShapeEstimate
@@ -153,7 +153,7 @@ def check_range_offset(motions: ScanMotions) -> Finding:
         motions.topic,
         f"ranges are {signed_words(1e3 * found.value, 'mm', 'too long', 'too short')}",
         Measurement(1e3 * found.value, 1e3 * found.sigma, "mm"),
-        advice=f"Subtract {recorded:.4g} from every range.",
+        advice=f"{taken_off(recorded, '', 'every range')}.",
         repairs=(Repair("add_to_ranges", motions.topic, {"offset_m": -recorded}),),
     )
 
