@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from bag_data import ROS1, Robot, as_ros1
 from foreign_bags import (
     KINDS,
     START_NS,
@@ -37,6 +38,8 @@ from slamsim.guard.errors import SlamsimError
 from slamsim.io.copy.recording import Lossy, copy_recording, require_lossless
 from slamsim.io.open import read_recording
 from slamsim.io.parquet.writer import ParquetLog
+from slamsim.io.salvage.recover import recover
+from slamsim.io.salvage.source import damaged_recording
 from slamsim.recording import RawOdometry, Recording
 from slamsim.recording.edits.base import CannotEdit
 from slamsim.recording.edits.messages import select
@@ -547,3 +550,24 @@ def test_fix_with_no_repair_is_a_copy(foreign: Callable[[str], Foreign], tmp_pat
     assert found["applied"] == [] and found["copied"]["changed"] == []
     assert _content(tmp_path / "out" / path.name) == before
     assert read_recording(tmp_path / "out").scans[0].topic == "/scan"
+
+
+@pytest.mark.parametrize("writer", ["copy", "recover"])
+def test_rosbag_can_write_the_header_of_a_bag_anew(writer: str, tmp_path: Path) -> None:
+    """As it does when it appends or reindexes: fields and padding of 4096 bytes."""
+    bag = as_ros1(tmp_path / "a.bag", Robot(ROS1).drive())
+    before = read_recording(bag)
+    (tmp_path / "out").mkdir()
+    if writer == "copy":
+        copy_recording(bag, before, before, tmp_path / "out")
+    else:
+        recover(damaged_recording(bag), tmp_path / "out")
+    written = tmp_path / "out" / "a.bag"
+    data = written.read_bytes()
+    fields_end = 17 + int.from_bytes(data[13:17], "little")
+    padding = 4096 - (fields_end - 17)
+    anew = data[:fields_end] + padding.to_bytes(4, "little") + b" " * padding
+    assert data.startswith(anew)
+    assert len(read_recording(written).scans[0]) == len(before.scans[0])
+    with AnyReader([written]) as reader:
+        assert reader.message_count == sum(1 for _ in reader.messages())

@@ -17,6 +17,7 @@ import zstandard
 from bag_data import ROS1, ROS2, SCANS, Message, Robot, as_mcap, as_ros1, as_rosbag2
 from lowered_limits import lowered
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Reader as Reader2
 from rosbags.rosbag2 import Writer as Writer2
 
 from slamsim.core.types import Log
@@ -116,7 +117,13 @@ def test_compressed_rosbag2_folders_of_another_writer(
 ) -> None:
     """By rosbags: ``compression_mode: file`` and ``message``."""
     expected = read_log(as_rosbag2(tmp_path / "x" / "bag", ROBOT.drive(), plugin))
-    folder = tmp_path / "bag"
+    compressed_bag2(tmp_path / "bag", plugin, mode)
+    require_same(read_log(tmp_path / "bag"), expected)
+    assert list(scratch.iterdir()) == []
+
+
+def compressed_bag2(folder: Path, plugin: StoragePlugin, mode: str) -> Path:
+    """The file of a rosbag2 folder; that its messages are compressed only metadata.yaml says."""
     writer = Writer2(folder, version=9, storage_plugin=plugin)
     writer.set_compression(CompressionMode[mode], CompressionFormat.ZSTD)
     with writer:
@@ -126,12 +133,29 @@ def test_compressed_rosbag2_folders_of_another_writer(
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kind, typestore=ROS2)
             writer.write(connections[topic], log_ns, ROS2.serialize_cdr(message, kind))
-    if mode == "MESSAGE" and plugin == StoragePlugin.MCAP:
-        with pytest.raises(InputRefused, match="one by one"):
-            read_log(folder)
-        return
-    require_same(read_log(folder), expected)
-    assert list(scratch.iterdir()) == []
+    return next(each for each in folder.iterdir() if each.name != "metadata.yaml")
+
+
+@pytest.mark.parametrize("plugin", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
+def test_compressed_messages_are_read_without_metadata(
+    plugin: StoragePlugin, tmp_path: Path
+) -> None:
+    expected = read_log(as_rosbag2(tmp_path / "x" / "bag", ROBOT.drive()))
+    file = compressed_bag2(tmp_path / "bag", plugin, "MESSAGE")
+    require_same(read_log(file), expected)
+    assert survey_recording(file).sample.scans
+
+
+def test_compressed_messages_of_an_mcap_are_recovered_plain(tmp_path: Path) -> None:
+    """For others to read: nothing in the copy tells that they were compressed."""
+    file = compressed_bag2(tmp_path / "bag", StoragePlugin.MCAP, "MESSAGE")
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(file.read_bytes()[:-1000])
+    found = recover(damaged_recording(cut), emptied(tmp_path / "found"))
+    with Reader2(found.recording) as reader:
+        for connection, _, data in reader.messages():
+            ROS2.deserialize_cdr(data, connection.msgtype)
+        assert reader.message_count == found.messages == len(ROBOT.drive())
 
 
 def split(folder: Path, parts: int, suffix: str = "") -> Path:

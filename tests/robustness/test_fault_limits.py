@@ -245,5 +245,5 @@ def test_within_the_limits_the_same_is_no_excess(name: str, tmp_path: Path) -> N
 def test_sqlite_messages_have_the_same_limit(tmp_path: Path) -> None:
     path = next(as_rosbag2(tmp_path / "a", Robot(ROS2).drive()).glob("*.db3"))
     with pytest.raises(InputRefused) as caught, lowered(bag_record_bytes=50):
-        index_sqlite(path, False)
+        index_sqlite(path)
     assert caught.value.limit == "bag_record_bytes"

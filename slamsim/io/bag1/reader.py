@@ -21,6 +21,8 @@ from slamsim.io.input_errors import damaged
 from slamsim.io.ros.message_types import inflate
 
 MAGIC = b"#ROSBAG V2.0\n"
+HEADER_BYTES = 4096
+"""The header of a bag and its padding, without the lengths of both, as ``rosbag`` writes them."""
 MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = (bytes([op]) for op in range(2, 8))
 
 Fields = dict[bytes, bytes]

@@ -11,8 +11,6 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
-import zstandard
-
 from slamsim.guard.errors import Excessive
 from slamsim.guard.files import open_input, require_magic
 from slamsim.guard.limits import LIMITS
@@ -44,21 +42,20 @@ class SqliteTopic:
 class SqliteIndex:
     """What is in a file. topics: by number. definitions: (type, as what it is written, text).
 
-    hashes: of types, where the file has them. packed: whether each message is compressed.
-    is_sampled: only the first and the last messages of each topic are read. span_ns: when the first
-    and the last message was received, None of a file without messages.
+    hashes: of types, where the file has them. is_sampled: only the first and the last messages of
+    each topic are read. span_ns: when the first and the last message was received, None of a file
+    without messages.
     """
 
     path: Path
     topics: dict[int, SqliteTopic]
     definitions: tuple[tuple[str, str, str], ...]
     hashes: dict[str, str]
-    packed: bool
     span_ns: tuple[int, int] | None
     is_sampled: bool = False
 
 
-def index_sqlite(path: Path, packed: bool, *, is_sampled: bool = False) -> SqliteIndex:
+def index_sqlite(path: Path, *, is_sampled: bool = False) -> SqliteIndex:
     """Looks through the file; InputRefused for a damaged or foreign one and for bombs.
 
     is_sampled: for a first look, which does not check every page of a large file.
@@ -72,7 +69,7 @@ def index_sqlite(path: Path, packed: bool, *, is_sampled: bool = False) -> Sqlit
             else:
                 _require_sound(db)
             told = _topics(db), _definitions(db), _hashes(db)
-            return SqliteIndex(path, *told, packed, _span_ns(db), is_sampled)
+            return SqliteIndex(path, *told, _span_ns(db), is_sampled)
     except (sqlite3.Error, ValueError) as error:
         raise damaged(path, f"damaged, or no recording ({error})", error=error) from error
 
@@ -82,7 +79,7 @@ def sqlite_messages(
 ) -> Iterator[tuple[int, int, bytes]]:
     """(topic, when it was received in ns, message) of the topics, in the order of time.
 
-    Raises Excessive for a message that unpacks to too much, and what the libraries raise.
+    Raises what the libraries raise.
     """
     if not topics:
         return
@@ -91,8 +88,7 @@ def sqlite_messages(
     order = "ORDER BY timestamp, rowid"
     with closing(_open(index.path)) as db:
         rows = db.execute(f"{query} {order}", list(topics))
-        for number, received_ns, data in _ends(db, topics) if index.is_sampled else rows:
-            yield number, received_ns, unpacked_message(data) if index.packed else data
+        yield from _ends(db, topics) if index.is_sampled else rows
 
 
 def _ends(db: sqlite3.Connection, topics: Collection[int]) -> Iterator[tuple[int, int, bytes]]:
@@ -186,15 +182,3 @@ def _hashes(db: sqlite3.Connection) -> dict[str, str]:
         return {}
     rows = db.execute(f"SELECT type, {_HASH} FROM topics WHERE {_HASH} LIKE 'RIHS01_%'")
     return {type_name: text for type_name, text in rows if isinstance(text, str)}
-
-
-def unpacked_message(data: bytes) -> bytes:
-    """A message that was compressed by itself; raises Excessive, and what zstandard raises."""
-    most = LIMITS.bag_record_bytes
-    with zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True) as reader:
-        content = reader.read(most + 1)
-    if len(content) > most:
-        raise Excessive(f"a message unpacks to more than {most:,} bytes", "bag_record_bytes")
-    if zstandard.frame_content_size(data) not in (-1, len(content)):
-        raise ValueError("a compressed message is cut off")
-    return content

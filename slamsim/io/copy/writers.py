@@ -11,6 +11,7 @@ from abc import abstractmethod
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from os import SEEK_CUR
 from pathlib import Path
 from types import MappingProxyType
 
@@ -20,6 +21,7 @@ from mcap.writer import Writer
 from rosbags.rosbag1 import Writer as Bag1Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from slamsim.io.bag1.reader import HEADER_BYTES, MAGIC
 from slamsim.io.bag2.metadata import (
     DISTRO,
     OFFERED_QOS,
@@ -174,6 +176,27 @@ class Bag2Copy(Copy):
         return self._topics.get(each.topic, declared)
 
 
+class _Bag1Writer(Bag1Writer):
+    """With a header as long as that of ``rosbag``, 8 bytes longer than that of rosbags.
+
+    ``rosbag`` writes it anew, at its own length, when it appends to a bag or reindexes one, and
+    would overwrite the beginning of the first chunk.
+    """
+
+    def open(self) -> None:
+        super().open()
+        assert self.bio is not None
+        self.bio.write(b" " * (len(MAGIC) + 8 + HEADER_BYTES - self.bio.tell()))
+
+    def close(self) -> None:
+        super().close()
+        with self.path.open("r+b") as file:
+            file.seek(len(MAGIC))
+            length = int.from_bytes(file.read(4), "little")
+            file.seek(length, SEEK_CUR)
+            file.write((HEADER_BYTES - length).to_bytes(4, "little"))
+
+
 class Bag1Copy(Copy):
     """A ROS 1 bag of this name in a folder."""
 
@@ -183,7 +206,7 @@ class Bag1Copy(Copy):
     def __init__(self, folder: Path, name: str) -> None:
         super().__init__()
         folder.mkdir(parents=True, exist_ok=True)
-        self._writer = self._open.enter_context(Bag1Writer(folder / name))
+        self._writer = self._open.enter_context(_Bag1Writer(folder / name))
         self._declared: list[Declaration] = []
 
     def declare(self, declaration: Declaration) -> int:

@@ -118,15 +118,13 @@ def open_bag(path: Path, *, is_sampled: bool = False) -> Bag:
     is_sampled: for a first look, whose source gives only some messages of each topic. Packed files
     are unpacked into a temporary folder.
     """
-    files, announced, compressed = _files(path) if path.is_dir() else ([path], None, False)
+    files, announced = _files(path) if path.is_dir() else ([path], None)
     if files and all(file.suffix.lower() in PACKINGS for file in files):
-        return _packed_bag(path, files, announced, compressed, is_sampled=is_sampled)
-    return _checked_bag(path, files, announced, compressed, is_sampled=is_sampled)
+        return _packed_bag(path, files, announced, is_sampled=is_sampled)
+    return _checked_bag(path, files, announced, is_sampled=is_sampled)
 
 
-def _packed_bag(
-    path: Path, files: list[Path], announced: int | None, compressed: bool, *, is_sampled: bool
-) -> Bag:
+def _packed_bag(path: Path, files: list[Path], announced: int | None, *, is_sampled: bool) -> Bag:
     """What is refused is refused in the name of the packed file."""
     folder = Path(mkdtemp(dir=large_files_folder(), prefix="slamsim-unpacked-"))
     plain = {}
@@ -136,7 +134,7 @@ def _packed_bag(
             place.mkdir()
             plain[place / file.stem] = file
             unpack(file, place / file.stem)
-        bag = _checked_bag(path, list(plain), announced, compressed, is_sampled=is_sampled)
+        bag = _checked_bag(path, list(plain), announced, is_sampled=is_sampled)
     except BaseException as error:
         rmtree(folder, ignore_errors=True)
         if isinstance(error, InputRefused) and error.path in plain:
@@ -147,22 +145,14 @@ def _packed_bag(
     return replace(bag, unpacked_into=folder)
 
 
-def _checked_bag(
-    path: Path, files: list[Path], announced: int | None, compressed: bool, *, is_sampled: bool
-) -> Bag:
+def _checked_bag(path: Path, files: list[Path], announced: int | None, *, is_sampled: bool) -> Bag:
     kinds = {file.suffix.lower() for file in files}
     if kinds == {".mcap"}:
-        if compressed:
-            reason = (
-                "messages compressed one by one in an MCAP are not read; "
-                f"`rosbags-convert --src {path} --dst plain` writes them uncompressed"
-            )
-            raise InputRefused(path, reason)
         found = [sampled_mcap(file) if is_sampled else index_mcap(file) for file in files]
         spans_ns = [index.span_ns for index in found]
         bag = _mcap_bag(path, found)
     elif kinds == {".db3"}:
-        indexes = [index_sqlite(file, compressed, is_sampled=is_sampled) for file in files]
+        indexes = [index_sqlite(file, is_sampled=is_sampled) for file in files]
         spans_ns = [each.span_ns for each in indexes]
         bag = _bag(path, SqliteSource(indexes))
     elif kinds == {".bag"} and len(files) == 1:
@@ -197,12 +187,11 @@ def _bag(path: Path, source: MessageSource) -> Bag:
     return Bag(path, source, channels)
 
 
-def _files(folder: Path) -> tuple[list[Path], int | None, bool]:
-    """(files, number of messages announced, whether each is compressed) by metadata.yaml; without
-    one by the names of the files."""
+def _files(folder: Path) -> tuple[list[Path], int | None]:
+    """(files, number of messages announced) by metadata.yaml; without one by the names of files."""
     metadata = own_file(folder, METADATA)
     if not metadata.exists():
-        return numbered_parts(folder), None, False
+        return numbered_parts(folder), None
     document = load_yaml(metadata).data
     with as_input_errors(metadata, "rosbag2_bagfile_information"):
         if not isinstance(document, dict):
@@ -217,7 +206,7 @@ def _files(folder: Path) -> tuple[list[Path], int | None, bool]:
         plain = [name for name in names if not name.lower().endswith(PACKINGS)]
         if mode == "file" and plain:
             raise ValueError(f"compression_mode is file, but {plain[0]} is not compressed")
-    return files, announced, mode == "message"
+    return files, announced
 
 
 def _packed_name(folder: Path, name: str) -> str:

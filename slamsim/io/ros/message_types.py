@@ -147,6 +147,27 @@ def normal_type_name(type_name: str) -> str:
     return type_name if "/" in name or not name else f"{package}/msg/{name}"
 
 
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+
+
+def plain_message(data: bytes, encoding: str) -> bytes:
+    """A message as it was before rosbag2 compressed it by itself (``compression_mode: message``).
+
+    It is known by its first bytes, with which no CDR message begins: an MCAP file alone does not
+    tell. Raises Excessive for one that unpacks to too much, and what zstandard raises.
+    """
+    if encoding != "cdr" or data[:4] != ZSTD_MAGIC:
+        return data
+    most = LIMITS.bag_record_bytes
+    with zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True) as reader:
+        content = reader.read(most + 1)
+    if len(content) > most:
+        raise Excessive(f"a message unpacks to more than {most:,} bytes", "bag_record_bytes")
+    if zstandard.frame_content_size(data) not in (-1, len(content)):
+        raise ValueError("a compressed message is cut off")
+    return content
+
+
 _ARRAY = re.compile(
     r"\[[ \t]*(?:<=[ \t]*)?(\d+)[ \t]*\]|sequence[ \t]*<[^<>\n]*,[ \t]*(\d+)[ \t]*>"
 )

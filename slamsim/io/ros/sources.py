@@ -14,7 +14,7 @@ from slamsim.io.bag1.reader import Bag1Index, bag1_messages
 from slamsim.io.bag2.metadata import OFFERED_QOS, TYPE_HASH
 from slamsim.io.bag2.sqlite import SqliteIndex, sqlite_messages
 from slamsim.io.mcap.reader import McapIndex, mcap_attachments, mcap_messages
-from slamsim.io.ros.message_types import WRITTEN_AS, MessageTypes
+from slamsim.io.ros.message_types import WRITTEN_AS, MessageTypes, plain_message
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +130,8 @@ class McapSource(MessageSource):
             mine = {n: self._numbers[file, n] for n in index.channels}
             wanted = {n: number for n, number in mine.items() if number in numbers}
             for channel, log_ns, published_ns, sequence, data in mcap_messages(index, wanted):
-                yield wanted[channel], log_ns, published_ns, sequence, data
+                number, encoding = wanted[channel], index.channels[channel].message_encoding
+                yield number, log_ns, published_ns, sequence, plain_message(data, encoding)
 
 
 class Bag1Source(MessageSource):
@@ -195,7 +196,8 @@ class SqliteSource(MessageSource):
             mine = {n: self._numbers[file, n] for n in index.topics}
             wanted = {n: number for n, number in mine.items() if number in numbers}
             for at, received_ns, data in sqlite_messages(index, wanted):
-                yield wanted[at], received_ns, received_ns, 0, data
+                plain = plain_message(data, index.topics[at].encoding)
+                yield wanted[at], received_ns, received_ns, 0, plain
 
 
 class HeldSource(MessageSource):

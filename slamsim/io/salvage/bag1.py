@@ -16,6 +16,7 @@ from slamsim.io.bag1.reader import (
     CHUNK,
     CHUNK_INFO,
     CONNECTION,
+    HEADER_BYTES,
     INDEX,
     MAGIC,
     MESSAGE,
@@ -80,7 +81,6 @@ def _by_topic(counts: Mapping[int, int], filler: Bag1Filler) -> dict[str, int]:
 
 
 _CHUNK_BYTES = 768 << 10
-_HEADER_BYTES = 4096
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +108,7 @@ class Bag1Filler:
         self._copied: set[int] = set()
         self._waiting = bytearray()
         self._infos: list[bytes] = []
-        self._put(MAGIC + bytes(_HEADER_BYTES))
+        self._put(MAGIC + bytes(8 + HEADER_BYTES))
 
     def know(self, found: Connection) -> None:
         """A connection whose messages can be used from here on; of two the sound one."""
@@ -156,7 +156,7 @@ class Bag1Filler:
         fields = {b"index_pos": pack("<Q", index_pos)}
         fields |= {name: pack("<I", count) for name, count in counts.items()}
         head = _header(BAG_HEADER, fields)
-        padding = _HEADER_BYTES - len(head) - 4
+        padding = HEADER_BYTES + 4 - len(head)
         self._stream.seek(len(MAGIC))
         self._put(head + pack("<I", padding) + b" " * padding)
 

@@ -19,10 +19,9 @@ from slamsim.core.progress import Progress
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.yaml import load_yaml
 from slamsim.io.bag2.metadata import BagFile, Topic, bag_metadata, topic_as_declared
-from slamsim.io.bag2.sqlite import unpacked_message
 from slamsim.io.bag2.writer import METADATA_RECORD
 from slamsim.io.mcap.reader import MESSAGE_HEAD, RECORD_HEAD
-from slamsim.io.ros.message_types import ros2_types
+from slamsim.io.ros.message_types import plain_message, ros2_types
 from slamsim.io.ros.parts import METADATA
 from slamsim.io.salvage.mcap_filler import McapFiller
 from slamsim.io.salvage.mcap_salvage import McapSalvage, Piece, WholeMcapChunk
@@ -89,7 +88,7 @@ def _announced(path: Path) -> dict[str, int] | None:
 
 
 _UNUSABLE = "a message that nothing declares any more, or that is damaged"
-_UNDECLARED = "messages of channels that nothing declares any more"
+_UNDECLARED = "messages of channels that nothing declares any more, or that cannot be unpacked"
 
 
 def copy_mcap(path: Path, target: Path, progress: Progress) -> tuple[RecoveryReport, McapFiller]:
@@ -137,7 +136,6 @@ def _take(piece: Piece | Gap, begun: int, filler: McapFiller, report: RecoveryRe
             filler.declare(piece)
 
 
-_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 _MOST_CHANNELS = 65_535
 _QOS, _HASH = "offered_qos_profiles", "type_description_hash"
 
@@ -227,8 +225,7 @@ def _record(row: Row, channels: dict[int, int], sequence: int) -> bytes | None:
     """An MCAP record of the message, None if it is none."""
     _, topic, log_ns, data = row
     try:
-        if data[:4] == _ZSTD_MAGIC:
-            data = unpacked_message(data)
+        data = plain_message(data, "cdr")
         head = MESSAGE_HEAD.pack(channels[topic], sequence & 0xFFFFFFFF, log_ns, log_ns)
         return RECORD_HEAD.pack(Opcode.MESSAGE, len(head) + len(data)) + head + bytes(data)
     except (LookupError, TypeError, ValueError, struct.error, zstandard.ZstdError):

@@ -14,15 +14,18 @@ from mcap import records
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
+from slamsim.guard.errors import Excessive
 from slamsim.io.bag2.metadata import with_numbered_policies
 from slamsim.io.mcap.framing import McapStream
 from slamsim.io.mcap.reader import MESSAGE_HEAD, RECORD_HEAD, records_in
 from slamsim.io.mcap.summary import Declaration, declaration
 from slamsim.io.mcap.writer import CHUNK_BYTES, ZSTD_LEVEL
+from slamsim.io.ros.message_types import ZSTD_MAGIC, plain_message
 from slamsim.io.salvage.report import DecodableMessages, RecoveryReport
 
 _Place = tuple[int, int, int, int]
 """(channel, log time, first byte, end) of a message record in its chunk."""
+_DATA = RECORD_HEAD.size + MESSAGE_HEAD.size
 
 
 def _readable_by_all(declared: Declaration) -> Declaration:
@@ -69,30 +72,42 @@ class McapFiller:
         channel = int.from_bytes(record[RECORD_HEAD.size : RECORD_HEAD.size + 2], "little")
         if not self._is_known(channel):
             return False
-        data = record[RECORD_HEAD.size + MESSAGE_HEAD.size :]
+        try:
+            data = plain_message(record[_DATA:], self.channels[channel].message_encoding)
+        except (Excessive, ValueError, zstandard.ZstdError):
+            return False
         return self._readable(self.channels[channel].topic, data) and self.message(record)
 
     def message(self, record: bytes) -> bool:
-        """One message, with opcode and length; whether its channel is known."""
+        """One message, with opcode and length; whether its channel is known.
+
+        One that was compressed by itself is unpacked, if that is possible.
+        """
         channel = int.from_bytes(record[RECORD_HEAD.size : RECORD_HEAD.size + 2], "little")
         if not self._is_known(channel):
             return False
-        self._waiting += record
+        head, packed = record[RECORD_HEAD.size : _DATA], record[_DATA:]
+        try:
+            data = plain_message(packed, self.channels[channel].message_encoding)
+        except (Excessive, ValueError, zstandard.ZstdError):
+            return False
+        self._waiting += RECORD_HEAD.pack(Opcode.MESSAGE, len(head) + len(data)) + head + data
         if len(self._waiting) >= CHUNK_BYTES:
             self._pack()
         return True
 
     def chunk(self, chunk: records.Chunk, content: bytes) -> int:
-        """A whole chunk, as it is if ROS 2 Humble can read what it declares; how many messages are
-        left out, for nothing declares them."""
+        """A whole chunk, as it is if ROS 2 Humble can read what it declares and its messages; how
+        many messages are left out, for nothing declares them or they cannot be unpacked."""
         self._pack()
         declared, places, undeclared = self._in_order(content)
-        if undeclared or not places or declared != [_readable_by_all(each) for each in declared]:
+        is_packed = any(content.startswith(ZSTD_MAGIC, place[2] + _DATA) for place in places)
+        is_readable = declared == [_readable_by_all(each) for each in declared]
+        if undeclared or not places or is_packed or not is_readable:
             for each in declared:
                 self.declare(each)
-            for _, _, start, end in places:
-                self.message(content[start:end])
-            return undeclared
+            taken = [self.message(content[start:end]) for _, _, start, end in places]
+            return undeclared + taken.count(False)
         for each in declared:
             self._list(each)
         self._put(chunk, content, places)
