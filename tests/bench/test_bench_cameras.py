@@ -63,6 +63,7 @@ def test_a_fault_with_something_false_beside_it_is_not_named() -> None:
     }
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("drives_here")
 def test_a_drive_whose_log_is_kept_is_not_rendered_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -293,6 +293,7 @@ def test_one_fit_tells_place_scale_focal_length_and_delay(
     assert T_true[0, 3] == pytest.approx(0.1 + place[0])
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("drives_here")
 def test_a_camera_far_from_its_claimed_place_is_not_taken_for_one_of_other_sizes(
     tmp_path: Path,
@@ -345,6 +346,7 @@ def registered_depths() -> Claimed:
     return survey("depth", stamps_ns, model, grids_m=grids_m, grid_px=step), T_base_camera
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("factor", "verdict"), [(1.0, "ok"), (1.05, "fault"), (0.95, "fault")])
 def test_depths_in_the_pixels_of_another_camera_are_as_long_as_ranges_or_not(
     factor: float, verdict: str
@@ -555,6 +557,7 @@ def test_a_shutter_that_rolls_otherwise_than_told_is_a_fault(
         assert again.verdict == "ok", again
 
 
+@pytest.mark.long
 def test_what_surrounds_the_image_of_a_lens_tells_nothing_of_the_shutter() -> None:
     """Black, upright at its sides, and of all images."""
     camera = turning_images(0.0, 0.03, 1.0)

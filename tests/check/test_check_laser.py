@@ -70,6 +70,7 @@ def test_healthy_recording_is_told_so() -> None:
     assert found["laser.rotation"].plots and found["laser.sweep"].plots
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("share", [0.4, 0.43, 0.46])
 def test_a_clock_that_is_set_within_a_window_leaves_the_others_as_they_are(share: float) -> None:
     """The mean step of all windows would be seconds with one of an hour among them, and the scans

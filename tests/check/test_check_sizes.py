@@ -265,6 +265,7 @@ class StandingOften(Robot):
         return replace(rolling, wheels=replace(rolling.wheels, totals=totals))
 
 
+@pytest.mark.long
 def test_wheels_that_stand_tell_nothing_of_how_much_they_slip() -> None:
     """Where they did, their turns were too short by six standard deviations."""
     pulls = []

@@ -79,6 +79,7 @@ def test_the_same_bytes_as_on_one_core_whatever_happens_to_the_workers(
     assert not any(children(process) for process in workers)
 
 
+@pytest.mark.long
 def test_a_worker_with_other_software_is_refused(
     cluster: Any, orders: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

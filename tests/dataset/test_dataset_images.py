@@ -105,6 +105,7 @@ def test_tables_hold_the_images_of_the_recording(made: Path, dataset: Dataset) -
     assert dataset[0].row["quality.images.front_color"] == len(frames)
 
 
+@pytest.mark.long
 def test_truth_is_lossless(made: Path, dataset: Dataset) -> None:
     sequence = dataset[0]
     kinds = {"32FC1": "<f4", "32FC3": "<f4", "32SC1": "<i4", "8UC1": "<u1", "32FC2": "<f4"}

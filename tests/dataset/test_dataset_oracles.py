@@ -116,6 +116,7 @@ def test_beams_end_where_a_ray_through_all_triangles_ends(files: Files) -> None:
     assert wrong <= 1  # a beam along an edge may meet either side of it
 
 
+@pytest.mark.long
 def test_pairs_tell_the_way_and_the_motion_between_two_scans(files: Files) -> None:
     pairs, path = files.table("truth/pairs"), files.table("truth/trajectory")
     steps = np.hypot(np.diff(path["position_x_m"]), np.diff(path["position_y_m"]))

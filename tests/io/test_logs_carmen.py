@@ -88,6 +88,7 @@ def test_real_logs(
     assert mean == pytest.approx(odometry_error, rel=5e-3)
 
 
+@pytest.mark.long
 @needs_radish
 def test_stamps_of_intel_that_run_backwards_are_sorted_counted_and_told() -> None:
     log = _real("intel")
@@ -95,6 +96,7 @@ def test_stamps_of_intel_that_run_backwards_are_sorted_counted_and_told() -> Non
     assert log.epoch == "unix"
 
 
+@pytest.mark.long
 @needs_radish
 @pytest.mark.parametrize(("name", "limit_m"), [("aces", 50.0), ("fr079", 80.99), ("intel", 81.83)])
 def test_no_return_begins_where_the_log_says(name: str, limit_m: float) -> None:

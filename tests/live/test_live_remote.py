@@ -203,6 +203,7 @@ def test_it_is_driven_and_stops_when_no_twist_follows(
     assert [(t.linear.x, t.angular.z) for t in twists] == [(0.25, -0.5), (0.0, 0.0)]
 
 
+@pytest.mark.long
 def test_goals_and_stamped_twists(
     drive: list[Message], process: MappingProcess, tmp_path: Path
 ) -> None:

@@ -222,6 +222,7 @@ def test_it_connects_again_by_itself(page: Page, robot: FakeRobot) -> None:
         assert page.value("document.getElementById('banner').hidden")
 
 
+@pytest.mark.long
 def test_a_token_is_taken_once_and_kept(page: Page, robot: FakeRobot) -> None:
     with PageServer(robot.hub, robot, Access("127.0.0.1", "secret-token"), 0) as server:
         page.open(server.address)

@@ -104,6 +104,7 @@ def test_tags_leave_a_path_as_good_where_the_lidar_is_blind_half_of_the_way() ->
     assert both[0] < 1.2 * both[1]
 
 
+@pytest.mark.long
 def test_surveyed_tags_put_the_map_into_their_frame(
     driven: tuple[Simulated, SlamResult, tuple[TagObservation, ...]],
 ) -> None:

@@ -455,6 +455,7 @@ def mapped(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "run"
 
 
+@pytest.mark.long
 def test_layers_are_written_beside_the_map_in_its_cells(mapped: Path) -> None:
     lidar, obstacles = read_map(mapped / "map.yaml"), read_map(mapped / "obstacles.yaml")
     assert obstacles.occupancy.shape == lidar.occupancy.shape

@@ -115,6 +115,7 @@ def test_a_screenshot_leaves_nothing_at_home_nor_among_temporary_files(
     assert screenshot[1] == []
 
 
+@pytest.mark.long
 def test_the_map_looks_like_the_map(screenshot: tuple[Path, list[Path]]) -> None:
     picture, _ = screenshot
     image = np.asarray(cv2.imread(str(picture)), dtype=int)

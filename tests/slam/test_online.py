@@ -86,6 +86,7 @@ def test_on_line_is_as_good_as_over_the_whole_log() -> None:
     assert ate_rmse_m(live(steps), example().truth) < 0.02
 
 
+@pytest.mark.long
 def test_steps_tell_smooth_odometry_quality_and_covariances() -> None:
     steps, _ = driven()
     odom = np.array([step.T_odom_base for step in steps])
