@@ -6,12 +6,15 @@ import numpy as np
 
 from slamsim.check.calibration.distance_unit import SAME
 from slamsim.check.calibration.joint import Calibration
+from slamsim.check.calibration.slip_beams import borne_out
 from slamsim.check.calibration.slipping import SlipSpells
 from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Curve, Finding, Measurement, Plot
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
 from slamsim.check.questions.wheels.odometry import ODOMETRY_FROZEN
+from slamsim.core.types import BoolArray
+from slamsim.recording.choice import lidars
 
 POSES_SHARE = 0.05
 """Of poses instead of counters so much of the whole must slip where no two spells follow each
@@ -42,8 +45,9 @@ SLIP = Question(
 )
 
 
-def check_slip(calibration: Calibration) -> list[Finding]:
-    """Wheels against scans, second by second."""
+def check_slip(calibration: Calibration, by_beams: BoolArray | None = None) -> list[Finding]:
+    """Wheels against scans, second by second. by_beams: (k,) the spells in which single beams
+    agree with the scans, all if not given."""
     spells, wheels = calibration.spells, calibration.model.wheels
     if spells is None or wheels is None:
         return []
@@ -62,6 +66,7 @@ def check_slip(calibration: Calibration) -> list[Finding]:
     )
     findings = [_standing(wheels, spells, plot)] if spells.frozen.any() else []
     slips = spells.slipping & ~(spells.beside_frozen & spells.frozen.any())
+    slips &= True if by_beams is None else by_beams
     excess = np.abs(spells.wheels - spells.scans)[slips].sum(axis=0)
     limits = np.array([SLIP_LIMIT_M, SLIP_LIMIT_RAD])
     if not wheels.wired and not np.any(np.diff(spells.start_s[slips]) < IN_A_ROW_S):
@@ -83,8 +88,10 @@ def check_slip(calibration: Calibration) -> list[Finding]:
 def _slip_in_metres(evidence: RecordingEvidence) -> list[Finding]:
     """Scans that were matched at another scale than theirs tell no slip."""
     calibration, unit = evidence.calibration, evidence.wrong_unit
+    if unit is None:
+        return [] if calibration is None else check_slip(calibration, _by_beams(evidence))
     findings = [] if calibration is None else check_slip(calibration)
-    if unit is None or unit.side == "wheels":
+    if unit.side == "wheels":
         return findings
     if abs(unit.metres / evidence.metres_per_unit - 1.0) < SAME:
         return findings
@@ -93,6 +100,17 @@ def _slip_in_metres(evidence: RecordingEvidence) -> list[Finding]:
 
 
 GROUP = QuestionGroup("motion", 130, (STANDING, SLIP), _slip_in_metres, thorough=True)
+
+
+def _by_beams(evidence: RecordingEvidence) -> BoolArray | None:
+    """(k,) whether the beams agree with the scans in each spell; None where nothing slips."""
+    calibration, motions = evidence.calibration, evidence.motions
+    scans = next(iter(lidars(evidence.recording)), None)
+    if scans is None or motions is None or calibration is None or calibration.spells is None:
+        return None
+    if not calibration.spells.slipping.any():
+        return None
+    return borne_out(calibration, scans, motions.range_noise_m)
 
 
 def _standing(wheels: IntegratedMotion, spells: SlipSpells, plot: Plot) -> Finding:
