@@ -139,9 +139,11 @@ def _scaled(wheels: IntegratedMotion, unit: WrongUnit) -> IntegratedMotion:
     """With lengths in metres: of the radius alone turns shrink as well, else the track."""
     both = np.array([unit.metres, unit.metres if unit.radius_alone else 1.0])
     track = 1.0 if unit.radius_alone else unit.metres
+    aside = None if wheels.sideways_m is None else wheels.sideways_m * unit.metres
     return replace(
         wheels,
         totals=wheels.totals * both,
+        sideways_m=aside,
         reading=wheels.reading * both,
         track_m=wheels.track_m * track,
     )

@@ -8,7 +8,7 @@ from slamsim.check.motion.integrated import IntegratedMotion, smooth_curve
 from slamsim.check.motion.laser_steps import LaserSteps
 from slamsim.core.geometry import between, compose, inverse, wrap_angle
 from slamsim.core.types import BoolArray, FloatArray
-from slamsim.models.differential_drive import calibrated_motion, poses_along
+from slamsim.models.differential_drive import calibrated_motion, chord_of, poses_along
 from slamsim.models.wheel_gyro import calibrated_turn
 
 UNKNOWNS = (
@@ -225,7 +225,12 @@ def _slope(behind: FloatArray, ahead: FloatArray, step: float) -> FloatArray:
 def rolled_poses(wheels: IntegratedMotion, values: FloatArray) -> FloatArray:
     """(n, 3) of the base at each reading, yaw not wrapped, each interval driven as an arc."""
     steps = np.diff(calibrated_path(values, wheels, wheels.totals), axis=0)
-    return poses_along(steps, np.zeros(3))
+    poses = poses_along(steps, np.zeros(3))
+    if wheels.sideways_m is not None:
+        to_left = poses[:-1, 2] + 0.5 * np.pi
+        aside = chord_of(values[PATH_GAIN] * wheels.sideways_m, steps[:, 1], to_left)
+        poses[1:, :2] += np.cumsum(np.column_stack(aside), axis=0)
+    return poses
 
 
 def calibrated_path(values: FloatArray, wheels: IntegratedMotion, totals: FloatArray) -> FloatArray:

@@ -41,6 +41,11 @@ so, in another unit."""
 USUAL_TIMES = 10.0
 """Nor does any robot make a step this many times as fast as nine tenths of its steps are."""
 
+LEAST_AHEAD_M = 0.002
+"""No brackets are better."""
+MOST_UNEXPLAINED, MOST_OF_LATE_HEADING = 0.1, 0.5
+"""Of what a frame moves sideways, squared: what turns leave, and that over what a late heading
+leaves."""
 
 USUAL_TRACK_M = 0.35
 """Of robots indoors, where poses do not tell it: most have 0.2 to 0.5 m."""
@@ -53,7 +58,8 @@ class IntegratedMotion:
     stamps_ns: (n,) strictly increasing. totals: (n, k): of a gyroscope (turn,) in the units it
     reports, of wheels (path m, turn rad) by the numbers that their driver uses. reading: (k,)
     standard deviation that reading adds to any total. track_m: 0 unless there are two counters.
-    axis: of the base, about which a gyroscope turns.
+    axis: of the base, about which a gyroscope turns. sideways_m: (n - 1,) how far each step leads
+    to the left, of poses of a frame that is plainly not at the axle; None of any other.
     """
 
     topic: str
@@ -62,12 +68,16 @@ class IntegratedMotion:
     reading: FloatArray
     track_m: float = 0.0
     axis: str = "z"
+    sideways_m: FloatArray | None = None
 
     def __post_init__(self) -> None:
         require_stamps(f"totals of {self.topic}", self.stamps_ns)
         require_finite(f"totals of {self.topic}", self.totals, (len(self.stamps_ns), None), MOST**4)
         require_finite(f"errors of {self.topic}", self.reading, (None,), MOST**4)
         require_number(f"the track of {self.topic} in m", self.track_m, 0.0)
+        if self.sideways_m is not None:
+            shape = (len(self.stamps_ns) - 1,)
+            require_finite(f"sideways steps of {self.topic}", self.sideways_m, shape, MOST**4)
 
     @property
     def wired(self) -> bool:
@@ -175,10 +185,34 @@ def integrated_odometry(odometry: RawOdometry) -> IntegratedMotion | None:
     if good.size < LEAST_SAMPLES:
         return None
     stamps, poses = odometry.stamps_ns[good], poses[good]
-    totals = _possible(arcs_between(poses)[:, [0, 2]], stamps)
+    arcs = arcs_between(poses)
+    totals = _possible(arcs[:, [0, 2]], stamps)
+    sideways_m = arcs[:, 1] if _off_axle(arcs, stamps) else None
     read = pose_reading(PlanarTrajectory(stamps, poses))
     reading = np.array([read.sigma_m, read.sigma_rad]) / np.sqrt(2.0)
-    return IntegratedMotion(odometry.topic, stamps, totals, reading)
+    return IntegratedMotion(odometry.topic, stamps, totals, reading, sideways_m=sideways_m)
+
+
+def _off_axle(arcs: FloatArray, stamps_ns: IntArray) -> bool:
+    """Whether arcs (n, 3) are plainly those of a frame ahead of the axle, or behind it.
+
+    It moves sideways in turns, by its distance to the axle for each radian however fast it drives.
+    A heading that comes late makes it seem so too, but by more the faster it drives.
+    """
+    rates = arcs / np.diff(stamps_ns)[:, None] * 1e9
+    if not (np.abs(rates) < np.array([MOST_M_S, MOST_M_S, MOST_RAD_S])).all():
+        return False
+    speed, aside, turn = rates.T
+    by_turn, by_late_heading = (_unexplained(aside, by) for by in (turn, turn * speed))
+    ahead_m = abs(float(aside @ turn)) / max(float(turn @ turn), 1e-12)
+    plain = by_turn < MOST_UNEXPLAINED and by_turn < MOST_OF_LATE_HEADING * by_late_heading
+    return ahead_m > LEAST_AHEAD_M and plain
+
+
+def _unexplained(values: FloatArray, by: FloatArray) -> float:
+    """Share of the squares of values (n,) that no multiple of others (n,) explains."""
+    squares = float((values @ values) * (by @ by))
+    return 1.0 - float(values @ by) ** 2 / squares if squares > 0.0 else 1.0
 
 
 def _possible(steps: FloatArray, stamps_ns: IntArray) -> FloatArray:
