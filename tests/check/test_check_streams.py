@@ -344,6 +344,7 @@ def test_a_pause_after_which_messages_are_missing_holds_none_up() -> None:
         (100_000_000, (0.0, 0.0), False),
         (33_333_333, (0.0, 0.0), False),
         (100_000_000, (2.5, 2.5), False),
+        (116_666_667, (0.0, 0.0), False),  # each seventh step at 60 Hz
     ],
 )
 def test_counted_stamps(

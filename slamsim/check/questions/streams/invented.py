@@ -7,6 +7,7 @@ that was recorded live is received later than it was measured, by a time that va
 from __future__ import annotations
 
 from collections.abc import Iterator
+from fractions import Fraction
 
 import numpy as np
 
@@ -26,6 +27,9 @@ SAME_PERIOD_NS = 1.0
 ROUND_NS, ROUND_HZ = 1_000, 0.1
 """Periods of whole microseconds and rates of whole tenths of a hertz are those of a simulator, or
 of a sensor that is triggered by a timer: such stamps are right though they are counted."""
+MOST_STEPS_HZ = 1000
+"""Nor do simulators make more steps in a second, and what they record is so many of these apart:
+8.57 Hz is each seventh step at 60 Hz. Of other periods one in a thousand seems so."""
 
 INVENTED = Question(
     "time.invented",
@@ -86,4 +90,7 @@ def _is_round(period_ns: float) -> bool:
     rate_hz = 1e9 / max(period_ns, 1.0)
     nearest_ns = 1e9 / max(round(rate_hz / ROUND_HZ) * ROUND_HZ, ROUND_HZ)
     whole_ns = round(period_ns / ROUND_NS) * ROUND_NS
-    return min(abs(period_ns - nearest_ns), abs(period_ns - whole_ns)) <= SAME_PERIOD_NS
+    by_steps = Fraction(1e-9 * period_ns).limit_denominator(MOST_STEPS_HZ)
+    simulated_ns = 1e9 * float(by_steps)
+    known = np.array([nearest_ns, whole_ns, simulated_ns])
+    return bool(np.abs(period_ns - known).min() <= SAME_PERIOD_NS)
