@@ -9,14 +9,18 @@ import pytest
 from calibration_example import TRACK_M, Robot, without
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
+from scan_recording import healthy
 from scipy.optimize import least_squares
 
 from slamsim.check.calibration.joint import Calibration, calibrate_inputs
 from slamsim.check.calibration.model import LASER, UNKNOWNS, Model
 from slamsim.check.calibration.noise import blocks, shared_scans, whitened, whitening
+from slamsim.check.evidence import RecordingEvidence
+from slamsim.check.questions.clocks.excitation import check_sensors
 from slamsim.core.geometry import wrap_angle
-from slamsim.core.types import FloatArray
+from slamsim.core.types import FloatArray, ScanGeometry
 from slamsim.models.jackknife import jackknife
+from slamsim.recording import RawImu
 
 SMALL = st.floats(-1.0, 1.0)
 
@@ -277,3 +281,12 @@ def test_the_jackknife_against_leaving_out_and_fitting_again() -> None:
     apart = np.array(left_out) - np.mean(left_out, axis=0)
     slow = 19.0 / 20.0 * apart.T @ apart
     assert np.allclose(jackknife(gained.sum(axis=0), gained, pushes)[0], slow)
+
+
+def test_a_lidar_that_tells_no_motion_is_not_called_missing() -> None:
+    few = ScanGeometry(np.deg2rad(-150.0), np.deg2rad(60.0), 6, 0, 0.1, 30.0)
+    recording = healthy(geometry=few)
+    alone = recording.with_streams(RawImu, ())
+    (found,) = check_sensors(RecordingEvidence(alone))
+    assert found.verdict == "inconclusive"
+    assert found.words.endswith(", and of the lidar scans do not fit one another")

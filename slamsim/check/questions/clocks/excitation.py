@@ -59,6 +59,8 @@ def check_sensors(evidence: RecordingEvidence) -> list[Finding]:
     if evidence.calibration is not None:
         return []
     words = "two of a lidar, an inertial unit and wheels are needed to compare them"
+    if evidence.motions is not None and evidence.motions.weak:
+        words += f", and of the lidar {evidence.motions.weak}"
     return [unanswered(SENSORS, evidence.recording.name, words)]
 
 
