@@ -15,7 +15,7 @@ from slamsim.io.input_errors import as_input_errors
 from slamsim.io.ros.parts import several_recordings
 from slamsim.io.selection import EVERYTHING, Selection, selected
 from slamsim.recording import Recording
-from slamsim.recording.choice import clouds_to_read
+from slamsim.recording.choice import clouds_to_read, not_of_ros
 from slamsim.recording.cleaning.log import clean
 from slamsim.recording.cleaning.streams import trajectory_of
 from slamsim.recording.clouds import CloudsWanted
@@ -77,14 +77,19 @@ def read_recording(
     return found
 
 
-def require_something(path: Path, found: Recording) -> None:
-    """Raises InputRefused for a recording in which nothing was found that is read."""
+def holds_something(found: Recording) -> bool:
+    """Whether there is anything in a recording that is read."""
     images = (*found.cameras, *found.unread_cameras)
     beside = (found.transforms, found.robot_description, found.clock_ns, images)
-    if not found.streams and all(each is None or each == () for each in beside):
+    return bool(found.streams) or not all(each is None or each == () for each in beside)
+
+
+def require_something(path: Path, found: Recording) -> None:
+    """Raises InputRefused for a recording in which nothing was found that is read."""
+    if not holds_something(found):
         there = ", ".join(sorted({each.type_name for each in found.topics if each.messages}))
-        reason = f"there is nothing that could be checked, only {there or 'no message at all'}"
-        raise InputRefused(path, reason)
+        held = f"only {there}{not_of_ros(found.topics)}" if there else "no message at all"
+        raise InputRefused(path, f"there is nothing that could be checked, {held}")
 
 
 def survey_recording(path: Path, wanted: Selection = EVERYTHING) -> Survey:

@@ -127,9 +127,21 @@ def clouds_to_read(recording: Recording, scan_topics: Sequence[str]) -> tuple[st
 
 
 def without_scans(topics: Iterable[RecordedTopic]) -> str:
-    """Why the point clouds of a recording without scans are none, as the end of a sentence."""
-    clouds = [each for each in topics if each.type_name == CLOUD and each.damage]
-    return f"; {clouds[0].topic}: {clouds[0].damage}" if clouds else ""
+    """Why the point clouds of a recording without scans are none, or what is no message of ROS, as
+    the end of a sentence."""
+    there = tuple(topics)
+    clouds = [each for each in there if each.type_name == CLOUD and each.damage]
+    return f"; {clouds[0].topic}: {clouds[0].damage}" if clouds else not_of_ros(there)
+
+
+def not_of_ros(topics: Iterable[RecordedTopic]) -> str:
+    """What to do about messages of other schemas (foxglove.LaserScan), as the end of a sentence."""
+    if not any(each.messages and each.type_name and "/" not in each.type_name for each in topics):
+        return ""
+    return (
+        "; only messages of ROS are read: write others as such, for instance with the Python "
+        "package mcap-ros2-support"
+    )
 
 
 def lidars(recording: Recording) -> list[RawScans]:

@@ -13,7 +13,7 @@ from slamsim.io.cameras import is_image_folder, open_cameras
 from slamsim.io.cameras.base import Cameras, CameraTopic
 from slamsim.io.formats import Survey, TopicFacts
 from slamsim.io.formats.ros import is_ros
-from slamsim.io.open import survey_recording
+from slamsim.io.open import holds_something, survey_recording
 from slamsim.io.selection import EVERYTHING, Selection
 from slamsim.recording import RawScans, Recording
 from slamsim.recording.choice import Choice, choices, in_words, topics_of, without_scans
@@ -62,14 +62,16 @@ def tell_info(
     by_camera = _maps_by_camera(images)
     found, lacking = choices(recording), missing(survey, by_camera=by_camera)
     frames = outline(recording.transforms)
-    command = next_command(source, found, options, by_camera=by_camera)
+    is_useful = by_camera or holds_something(recording)
+    command = next_command(source, found, options, by_camera=by_camera) if is_useful else ""
     if picture is not None:
         write_frames(picture, frames, picture_format)
     for line in (*_lines(survey, found, frames), *map("Images: {}".format, _image_lines(images))):
         reporter.say(line)
     for each in lacking:
         reporter.say(f"Missing: {each}")
-    reporter.say(f"Next: {command}")
+    if command:
+        reporter.say(f"Next: {command}")
     reporter.result(
         {
             "name": recording.name,

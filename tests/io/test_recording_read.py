@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from bag_data import ROS1, ROS2, START_NS, Message, Robot, as_mcap, as_ros1, as_rosbag2
 from hypothesis import given
@@ -20,6 +21,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from slamsim.guard.errors import InputRefused, NotFound, OverrideRefused
 from slamsim.io.open import read_recording
+from slamsim.io.parquet.writer import ParquetLog
 from slamsim.io.selection import Selection
 from slamsim.recording import Origin, Recording, row_store
 from slamsim.recording.row_store import RowStore
@@ -276,6 +278,23 @@ def test_without_anything_to_check_it_is_refused(tmp_path: Path) -> None:
         read_recording(path)
     with pytest.raises(NotFound):
         read_recording(tmp_path / "nowhere.mcap")
+
+
+def test_tables_written_anew_without_what_describes_them_are_refused_in_words(
+    tmp_path: Path,
+) -> None:
+    """As pandas and polars do; what pyarrow writes anew is read."""
+    bag = as_mcap(tmp_path / "a.mcap", ROBOT2.drive())
+    with ParquetLog(tmp_path / "tables") as tables:
+        tables.write(read_recording(bag))
+    for path in (tmp_path / "tables").iterdir():
+        pq.write_table(pq.read_table(path), path)
+    assert read_recording(tmp_path / "tables").scans
+    for path in (tmp_path / "tables").iterdir():
+        pq.write_table(pq.read_table(path).replace_schema_metadata(None), path)
+    with pytest.raises(InputRefused, match="pyarrow keeps that") as refusal:
+        read_recording(tmp_path / "tables")
+    assert "damaged" not in str(refusal.value)
 
 
 def _flaser(stamp: str, logged: str, x_m: float) -> str:

@@ -12,7 +12,7 @@ import pytest
 from bag_data import ROS1, ROS2, START_NS, Message, Robot, as_mcap, as_ros1, as_rosbag2
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mcap.writer import CompressionType
+from mcap.writer import CompressionType, Writer
 from recording_data import edge, recording
 from rosbags.rosbag2 import StoragePlugin
 from typer.testing import CliRunner
@@ -22,7 +22,7 @@ from slamsim.guard.errors import InputRefused
 from slamsim.io.formats import survey_of
 from slamsim.io.mcap.reader import index_mcap
 from slamsim.io.mcap.summary import sampled_mcap
-from slamsim.io.open import read_recording, survey_recording
+from slamsim.io.open import read_log, read_recording, survey_recording
 from slamsim.process.exit_codes import run_command
 from slamsim.recording import TransformEdge
 from slamsim.recording.frame_graph import drawn, outline
@@ -170,3 +170,23 @@ def test_a_recording_in_memory_is_surveyed_by_its_streams() -> None:
     rates = {topic.topic: topic.rate_hz for topic in survey.topics}
     scans = survey.sample.scans[0]
     assert rates[scans.topic] == pytest.approx(1e9 / float(np.diff(scans.stamps_ns).mean()))
+
+
+def test_messages_that_are_not_of_ros_are_told_with_what_to_do(tmp_path: Path) -> None:
+    """No command follows that would refuse the recording."""
+    path = tmp_path / "a.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema("foxglove.LaserScan", "jsonschema", b"{}")
+        channel = writer.register_channel("/scan", "json", schema)
+        writer.add_message(channel, START_NS, b"{}", START_NS)
+        writer.finish()  # type: ignore[no-untyped-call]
+    way_out = "only messages of ROS are read: write others as such"
+    text = told("info", path)
+    assert way_out in text and "Next:" not in text
+    assert json.loads(told("info", path, "--json"))["next"] == ""
+    with pytest.raises(InputRefused, match=f"only foxglove.LaserScan; {way_out}"):
+        read_recording(path)
+    with pytest.raises(InputRefused, match=way_out):
+        read_log(path)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamsim.core.types import Epoch
+from slamsim.guard.errors import InputRefused
 from slamsim.guard.files import own_file
 from slamsim.guard.numbers import MOST_NS
 from slamsim.guard.seal import require_complete
@@ -65,6 +66,9 @@ def _made(folder: Path, table: str, made: Callable[[Table, Table], _Made]) -> _M
     path = own_file(folder, f"{table}.parquet")
     with as_input_errors(path, "its columns"):
         facts, cells = table_facts(path), read_table(path)
+        if not facts:
+            reason = "its schema does not say what the table is; pyarrow keeps that when it writes "
+            raise InputRefused(path, reason + "a table anew, pandas and polars do not")
         require_sound(facts, cells)
         return made(facts, cells)
 
