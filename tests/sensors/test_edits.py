@@ -429,8 +429,8 @@ def test_a_new_fault_is_one_module_and_one_file(
     )
     (tmp_path / "warming.py").write_text(module)
     (tmp_path / "gyro_drift.yaml").write_text(description)
-    monkeypatch.setattr(faults, "__path__", [*faults.__path__, str(tmp_path)])
     before = set(kinds())
+    monkeypatch.setattr(faults, "__path__", [*faults.__path__, str(tmp_path)])
 
     kinds.cache_clear()
     try:
