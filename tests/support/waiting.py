@@ -8,7 +8,7 @@ from itertools import count
 from typing import Literal, TypeVar
 
 TIMEOUT_S = 180.0
-"""Far longer than anything takes on a busy machine, where half a minute of checking took a minute."""
+"""Far longer than anything takes on a busy machine: twenty seconds of checking took a minute."""
 
 Found = TypeVar("Found")
 
