@@ -294,3 +294,10 @@ def test_a_robot_that_never_backs_up_tells_nothing_of_the_sign() -> None:
     (finding,) = check_reversing(Robot().calibrated())
     assert finding.verdict == "inconclusive"
     assert "backward" in finding.words
+
+
+def test_turns_that_repeat_are_told_to_be_alike_at_several_offsets() -> None:
+    found = {one.check: one for one in check_timing(Robot(seed=412, lidar_late_s=3.0).calibrated())}
+    pair = found["time.offset.lidar_imu"]
+    assert pair.verdict == "inconclusive"
+    assert "nearly as alike at other offsets as at 3 s (correlation 0.999)" in pair.words

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from slamsim.check.motion.coarse_offset import Lag, Rate, coarse_lag
+from slamsim.check.motion.coarse_offset import CLEAR, Lag, Rate, coarse_lag
 from slamsim.check.motion.integrated import IntegratedMotion, rearranged
 from slamsim.check.motion.laser_steps import LaserSteps
 from slamsim.check.motion.local_lags import local_lags
@@ -26,7 +26,6 @@ Wiring = Literal[
 
 Scans = Literal["of use", "unsteady", "not turning"]
 
-CLEAR = 0.75
 UNSURE_SHARE, UNSURE_TIMES, LEAST_TOLD = 0.2, 3.0, 0.5
 """A step tells no turn if it is unsure by this share of what the robot usually turns in one, and by
 so many times the usual; so many of all must tell it."""

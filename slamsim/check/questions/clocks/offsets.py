@@ -6,6 +6,8 @@ from dataclasses import replace
 
 from slamsim.check.calibration.joint import Calibration
 from slamsim.check.findings import Finding, Measurement
+from slamsim.check.motion.alignment import Shift
+from slamsim.check.motion.coarse_offset import CLEAR
 from slamsim.check.question import FaultKind, Question, anywhere, judge, same_subject, unanswered
 from slamsim.check.questions.clocks.pairs import (
     DRIFT_LIMIT,
@@ -171,9 +173,9 @@ def _pair(calibration: Calibration, pair: str, offset: Offset | None) -> Finding
     one, other = PAIR_WORDS[pair]
     subject = _topics(calibration)[stream_of(pair)]
     if offset is None:
-        shift = calibration.shift(pair)
-        why = "nothing turns" if shift is None else f"correlation {shift.correlation:.2f}"
-        words = f"turns of {one} and {other} do not follow each other ({why}): {TURNING} would tell"
+        words = (
+            f"turns of {one} and {other} {_unlike(calibration.shift(pair))}: {TURNING} would tell"
+        )
         return unanswered(PAIRS[pair], subject, words)
     words = (
         f"stamps of the {one} are {_signed_ms(offset.offset_s)} against those of the {other}, "
@@ -183,6 +185,17 @@ def _pair(calibration: Calibration, pair: str, offset: Offset | None) -> Finding
         words += "; both carry one stamp, so the pose may just be older or newer than the scan"
         return judge(PAIRS[pair], subject, words, offset.size, verdict="inconclusive")
     return judge(PAIRS[pair], subject, words, offset.size)
+
+
+def _unlike(shift: Shift | None) -> str:
+    """Why the turns of two streams tell no offset."""
+    if shift is None:
+        return "do not follow each other (nothing turns)"
+    correlation = f"correlation {shift.correlation:.3f}"
+    if abs(shift.correlation) < CLEAR:
+        return f"do not follow each other ({correlation})"
+    best_s = 1e-9 * abs(shift.shift_ns)
+    return f"repeat: they are nearly as alike at other offsets as at {best_s:.3g} s ({correlation})"
 
 
 def _signed_ms(offset_s: float) -> str:
