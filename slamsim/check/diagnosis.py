@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from slamsim.check.fault_groups import LIDAR_TIMES, SIZES
+from slamsim.check.fault_groups import LIDAR_TIMES, MOUNTING, SIZES
 from slamsim.check.findings import SURE_SIGMAS, Finding, Measurement
 from slamsim.check.registry import fault_meaning, registry
 
@@ -26,6 +26,12 @@ UNTIL_TURNS_AGREE = (*SIZES, "range_offset", "stamps_invented")
 """What scans of a wrong shape, or wheels of wrong sizes, make of everything else."""
 
 NO_CAUSE = "does_not_fit"
+FITTED = (*MOUNTING, "wheel_radius", "wheel_track", "range_scale")
+"""Sizes that are fitted to scans and wheels: what these still differ by is not theirs."""
+
+NOT_FITTED = ("imu.spikes", "imu.gravity", "imu.orientation", "imu.heading", "camera.")
+"""Questions about what takes no part in that fit: accelerations, and cameras."""
+
 LIDAR_QUESTIONS = ("laser.", "ranges.offset")
 
 BY_OTHERS = (
@@ -54,7 +60,7 @@ def explained(findings: Sequence[Finding]) -> tuple[Finding, ...]:
     """The same findings, those that another fault explains now inconclusive."""
     findings = _without_drift_of_none(_without_contradicted(findings))
     findings = _without_cameras_beside(findings)
-    findings = _without_known_cause(findings)
+    findings = _without_known_cause(_without_misfit(findings))
     faults = [finding for finding in findings if finding.verdict == "fault"]
     lidars = {one.subject for one in findings if one.check.startswith(LIDAR_QUESTIONS)}
     return tuple(_with_cause(finding, faults, lidars) for finding in findings)
@@ -123,9 +129,29 @@ def _is_unfelt(fault: Finding) -> bool:
     return fault.fault in UNFELT or fault.check.startswith("gyro.")
 
 
+def _without_misfit(findings: Sequence[Finding]) -> list[Finding]:
+    """Where wheels and scans contradict each other most of the time, and nothing but the sizes
+    that were fitted to both would say why, these sizes are what a broken fit left."""
+    misfit = [one for one in findings if one.check == "motion.wheels" and one.fault]
+    known = [one for one in _causes(findings) if one.fault not in FITTED]
+    if not misfit or known:
+        return list(findings)
+    reason = _while(misfit[0])
+    return [one.inconclusive(reason) if one.fault in FITTED else one for one in findings]
+
+
+def _causes(findings: Sequence[Finding]) -> list[Finding]:
+    """Faults that may be why the streams do not tell one motion."""
+    return [
+        one
+        for one in findings
+        if one.fault and one.fault != NO_CAUSE and not one.check.startswith(NOT_FITTED)
+    ]
+
+
 def _without_known_cause(findings: Sequence[Finding]) -> list[Finding]:
-    """What fits nothing has no known cause only where nothing else was found."""
-    known = [one for one in findings if one.fault and one.fault != NO_CAUSE]
+    """What fits nothing has no known cause only where nothing else was found that takes part."""
+    known = _causes(findings)
     if not known:
         return list(findings)
     reason = _while(known[0])

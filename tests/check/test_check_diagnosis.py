@@ -32,6 +32,19 @@ def test_two_faults_are_both_told() -> None:
     ) == {"wheel_radius", "gyro_bias"}
 
 
+def test_sizes_are_not_told_where_wheels_and_scans_contradict_each_other_once_they_are_fitted() -> (
+    None
+):
+    misfit = bad("motion.wheels", "/odom", "does_not_fit")
+    mount = bad("laser.x", "laser", "laser_position")
+    knocks = bad("imu.spikes", "/imu", "imu_spikes")
+    assert names(mount, knocks) == {"laser_position", "imu_spikes"}
+    assert names(misfit, mount, knocks) == {"does_not_fit", "imu_spikes"}
+    # What takes part in the fit may be why.
+    stuck = bad("imu.stuck", "/imu", "imu_stuck")
+    assert names(misfit, mount, stuck) == {"laser_position", "imu_stuck"}
+
+
 def test_scans_that_turn_by_another_factor_than_all_others_tell_no_sizes() -> None:
     """Every second beam of a full circle, at the angle between all: half the turn, half the way."""
     folded = bad("laser.rotation", "/scan", "laser_angle_step")
