@@ -136,7 +136,8 @@ def without_scans(topics: Iterable[RecordedTopic]) -> str:
 
 def not_of_ros(topics: Iterable[RecordedTopic]) -> str:
     """What to do about messages of other schemas (foxglove.LaserScan), as the end of a sentence."""
-    if not any(each.messages and each.type_name and "/" not in each.type_name for each in topics):
+    types = {each.type_name for each in topics if each.messages and each.type_name}
+    if not types or any("/" in type_name for type_name in types):
         return ""
     return (
         "; only messages of ROS are read: write others as such, for instance with the Python "

@@ -290,4 +290,4 @@ def test_a_lidar_that_tells_no_motion_is_not_called_missing() -> None:
     alone = recording.with_streams(RawImu, ())
     (found,) = check_sensors(RecordingEvidence(alone))
     assert found.verdict == "inconclusive"
-    assert found.words.endswith(", and of the lidar scans do not fit one another")
+    assert found.words.endswith("; the lidar tells no motion: scans do not fit one another")

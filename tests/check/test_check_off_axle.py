@@ -23,13 +23,24 @@ class Car(Robot):
         return forward, forward * 0.4 * np.sin(1.1 * t)
 
 
-def odometry_of(robot: Robot, ahead_m: float, heading_late_s: float = 0.0) -> RawOdometry:
-    """Poses of a frame so far ahead of the axle, whose heading may come late."""
+def odometry_of(
+    robot: Robot,
+    ahead_m: float,
+    heading_late_s: float = 0.0,
+    left: float = 1.0,
+    step_m: float = 0.0,
+) -> RawOdometry:
+    """Poses of a frame so far ahead of the axle, whose heading may come late. left: -1 if mirrored.
+    step_m: to which positions are rounded; then they also jump by 30 m."""
     t = np.arange(0.1, robot.seconds - 0.1, 0.02)
     times, axle = robot.times_s(), robot.totals()[2]
     at = np.column_stack([np.interp(t, times, axle[:, k]) for k in range(3)])
     poses = compose(at, np.array([ahead_m, 0.0, 0.0]))
-    yaw = np.interp(t - heading_late_s, times, axle[:, 2])
+    yaw = left * np.interp(t - heading_late_s, times, axle[:, 2])
+    poses[:, 1] *= left
+    if step_m:
+        poses[:, :2] = np.round(poses[:, :2] / step_m) * step_m
+        poses[500:, 1] += 30.0
     none = np.full((len(t), 3), np.nan)
     return RawOdometry(
         topic="/odom",
@@ -44,10 +55,15 @@ def odometry_of(robot: Robot, ahead_m: float, heading_late_s: float = 0.0) -> Ra
     )
 
 
-@pytest.mark.parametrize("ahead_m", [0.15, -0.3])
-def test_the_laser_is_found_from_a_base_that_is_not_at_the_axle(ahead_m: float) -> None:
+@pytest.mark.parametrize(
+    ("ahead_m", "left", "step_m"),
+    [(0.15, 1.0, 0.0), (-0.3, 1.0, 0.0), (0.15, -1.0, 0.0), (0.15, 1.0, 0.001)],
+)
+def test_the_laser_is_found_from_a_base_that_is_not_at_the_axle(
+    ahead_m: float, left: float, step_m: float
+) -> None:
     robot = Car(seed=1)
-    wheels = integrated_odometry(odometry_of(robot, ahead_m))
+    wheels = integrated_odometry(odometry_of(robot, ahead_m, left=left, step_m=step_m))
     declared = T_BASE_LASER - [ahead_m, 0.0, 0.0]
     inputs = replace(robot.inputs(), wheels=wheels, T_base_laser=declared)
     calibration = calibrate_inputs(inputs)

@@ -228,7 +228,8 @@ def rolled_poses(wheels: IntegratedMotion, values: FloatArray) -> FloatArray:
     poses = poses_along(steps, np.zeros(3))
     if wheels.sideways_m is not None:
         to_left = poses[:-1, 2] + 0.5 * np.pi
-        aside = chord_of(values[PATH_GAIN] * wheels.sideways_m, steps[:, 1], to_left)
+        gain = values[PATH_GAIN] * np.sign(values[TURN_GAIN])  # mirrored, what is left is right
+        aside = chord_of(gain * wheels.sideways_m, steps[:, 1], to_left)
         poses[1:, :2] += np.cumsum(np.column_stack(aside), axis=0)
     return poses
 

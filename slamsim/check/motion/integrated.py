@@ -41,6 +41,8 @@ so, in another unit."""
 USUAL_TIMES = 10.0
 """Nor does any robot make a step this many times as fast as nine tenths of its steps are."""
 
+COMPARED_S = 0.2
+"""Sideways motion is compared with turns over so long: single poses are rounded, and noisy."""
 LEAST_AHEAD_M = 0.002
 """No brackets are better."""
 MOST_UNEXPLAINED, MOST_OF_LATE_HEADING = 0.1, 0.5
@@ -187,21 +189,30 @@ def integrated_odometry(odometry: RawOdometry) -> IntegratedMotion | None:
     stamps, poses = odometry.stamps_ns[good], poses[good]
     arcs = arcs_between(poses)
     totals = _possible(arcs[:, [0, 2]], stamps)
-    sideways_m = arcs[:, 1] if _off_axle(arcs, stamps) else None
     read = pose_reading(PlanarTrajectory(stamps, poses))
     reading = np.array([read.sigma_m, read.sigma_rad]) / np.sqrt(2.0)
+    sideways_m = _sideways_m(arcs, stamps)
     return IntegratedMotion(odometry.topic, stamps, totals, reading, sideways_m=sideways_m)
 
 
-def _off_axle(arcs: FloatArray, stamps_ns: IntArray) -> bool:
-    """Whether arcs (n, 3) are plainly those of a frame ahead of the axle, or behind it.
+def _sideways_m(arcs: FloatArray, stamps_ns: IntArray) -> FloatArray | None:
+    """(n,) how far arcs (n, 3) lead to the left, none where a robot makes no such step; None unless
+    they are plainly those of a frame that is not at the axle."""
+    seconds = np.diff(stamps_ns)[:, None] * 1e-9
+    made = np.abs(arcs) < np.array([MOST_M_S, MOST_M_S, MOST_RAD_S]) * seconds
+    possible = np.where(made.all(axis=1, keepdims=True), arcs, 0.0)
+    return possible[:, 1] if _off_axle(possible, seconds) else None
+
+
+def _off_axle(arcs: FloatArray, seconds: FloatArray) -> bool:
+    """Whether arcs (n, 3), each of so many seconds (n, 1), are plainly those of a frame ahead of
+    the axle, or behind it.
 
     It moves sideways in turns, by its distance to the axle for each radian however fast it drives.
     A heading that comes late makes it seem so too, but by more the faster it drives.
     """
-    rates = arcs / np.diff(stamps_ns)[:, None] * 1e9
-    if not (np.abs(rates) < np.array([MOST_M_S, MOST_M_S, MOST_RAD_S])).all():
-        return False
+    starts = np.arange(0, len(arcs), max(round(COMPARED_S / float(np.median(seconds))), 1))
+    rates = np.add.reduceat(arcs, starts) / np.add.reduceat(seconds, starts)
     speed, aside, turn = rates.T
     by_turn, by_late_heading = (_unexplained(aside, by) for by in (turn, turn * speed))
     ahead_m = abs(float(aside @ turn)) / max(float(turn @ turn), 1e-12)

@@ -14,7 +14,6 @@ from mcap import records
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from slamsim.guard.errors import Excessive
 from slamsim.io.bag2.metadata import with_numbered_policies
 from slamsim.io.mcap.framing import McapStream
 from slamsim.io.mcap.reader import MESSAGE_HEAD, RECORD_HEAD, records_in
@@ -26,6 +25,11 @@ from slamsim.io.salvage.report import DecodableMessages, RecoveryReport
 _Place = tuple[int, int, int, int]
 """(channel, log time, first byte, end) of a message record in its chunk."""
 _DATA = RECORD_HEAD.size + MESSAGE_HEAD.size
+
+
+def _channel(record: bytes) -> int:
+    """Of a message with opcode and length."""
+    return int.from_bytes(record[RECORD_HEAD.size : RECORD_HEAD.size + 2], "little")
 
 
 def _readable_by_all(declared: Declaration) -> Declaration:
@@ -69,32 +73,36 @@ class McapFiller:
 
     def unchecked_message(self, record: bytes) -> bool:
         """One without a checksum; whether it could be used."""
-        channel = int.from_bytes(record[RECORD_HEAD.size : RECORD_HEAD.size + 2], "little")
-        if not self._is_known(channel):
+        data = self._plain(record)
+        if data is None or not self._readable(self.channels[_channel(record)].topic, data):
             return False
-        try:
-            data = plain_message(record[_DATA:], self.channels[channel].message_encoding)
-        except (Excessive, ValueError, zstandard.ZstdError):
-            return False
-        return self._readable(self.channels[channel].topic, data) and self.message(record)
+        self._add(record, data)
+        return True
 
     def message(self, record: bytes) -> bool:
-        """One message, with opcode and length; whether its channel is known.
+        """One message, with opcode and length, unpacked if it was compressed by itself; whether its
+        channel is known and it could be unpacked."""
+        data = self._plain(record)
+        if data is None:
+            return False
+        self._add(record, data)
+        return True
 
-        One that was compressed by itself is unpacked, if that is possible.
-        """
-        channel = int.from_bytes(record[RECORD_HEAD.size : RECORD_HEAD.size + 2], "little")
-        if not self._is_known(channel):
-            return False
-        head, packed = record[RECORD_HEAD.size : _DATA], record[_DATA:]
+    def _plain(self, record: bytes) -> bytes | None:
+        """The content of a message; None of an unknown channel, or where it cannot be unpacked."""
+        if not self._is_known(_channel(record)):
+            return None
         try:
-            data = plain_message(packed, self.channels[channel].message_encoding)
-        except (Excessive, ValueError, zstandard.ZstdError):
-            return False
+            encoding = self.channels[_channel(record)].message_encoding
+            return plain_message(record[_DATA:], encoding)
+        except (ValueError, zstandard.ZstdError):
+            return None
+
+    def _add(self, record: bytes, data: bytes) -> None:
+        head = record[RECORD_HEAD.size : _DATA]
         self._waiting += RECORD_HEAD.pack(Opcode.MESSAGE, len(head) + len(data)) + head + data
         if len(self._waiting) >= CHUNK_BYTES:
             self._pack()
-        return True
 
     def chunk(self, chunk: records.Chunk, content: bytes) -> int:
         """A whole chunk, as it is if ROS 2 Humble can read what it declares and its messages; how

@@ -60,7 +60,7 @@ def check_sensors(evidence: RecordingEvidence) -> list[Finding]:
         return []
     words = "two of a lidar, an inertial unit and wheels are needed to compare them"
     if evidence.motions is not None and evidence.motions.weak:
-        words += f", and of the lidar {evidence.motions.weak}"
+        words += f"; the lidar tells no motion: {evidence.motions.weak}"
     return [unanswered(SENSORS, evidence.recording.name, words)]
 
 

@@ -32,7 +32,9 @@ def check_laser(motions: ScanMotions, inputs: Inputs, of: Recording) -> list[Fin
         # A beam that does not turn with the laser has no fixed place among the others.
         sweep = sweep.inconclusive("rays fixed to the world hide it")
     if not next(scans for scans in of.scans if scans.topic == motions.topic).in_order:
-        sweep = sweep.inconclusive("the order of the points is lost, and when each was measured")
+        sweep = sweep.inconclusive(
+            "the order of the points is lost, so when each was measured is unknown"
+        )
     return [rotation, sweep, check_range_offset(motions)]
 
 

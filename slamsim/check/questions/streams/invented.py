@@ -7,7 +7,6 @@ that was recorded live is received later than it was measured, by a time that va
 from __future__ import annotations
 
 from collections.abc import Iterator
-from fractions import Fraction
 
 import numpy as np
 
@@ -27,9 +26,9 @@ SAME_PERIOD_NS = 1.0
 ROUND_NS, ROUND_HZ = 1_000, 0.1
 """Periods of whole microseconds and rates of whole tenths of a hertz are those of a simulator, or
 of a sensor that is triggered by a timer: such stamps are right though they are counted."""
-MOST_STEPS_HZ = 1000
-"""Nor do simulators make more steps in a second, and what they record is so many of these apart:
-8.57 Hz is each seventh step at 60 Hz. Of other periods one in a thousand seems so."""
+STEPS_HZ = np.array([480.0, 90.0, 144.0])
+"""So are periods of whole steps of a simulator, at 30, 60, 120, 240 or 480 Hz, or as often as a
+display is drawn: 8.57 Hz is each seventh step at 60 Hz."""
 
 INVENTED = Question(
     "time.invented",
@@ -90,7 +89,6 @@ def _is_round(period_ns: float) -> bool:
     rate_hz = 1e9 / max(period_ns, 1.0)
     nearest_ns = 1e9 / max(round(rate_hz / ROUND_HZ) * ROUND_HZ, ROUND_HZ)
     whole_ns = round(period_ns / ROUND_NS) * ROUND_NS
-    by_steps = Fraction(1e-9 * period_ns).limit_denominator(MOST_STEPS_HZ)
-    simulated_ns = 1e9 * float(by_steps)
-    known = np.array([nearest_ns, whole_ns, simulated_ns])
+    steps_ns = np.round(period_ns * 1e-9 * STEPS_HZ) / STEPS_HZ * 1e9
+    known = np.array([nearest_ns, whole_ns, *steps_ns])
     return bool(np.abs(period_ns - known).min() <= SAME_PERIOD_NS)

@@ -6,7 +6,7 @@ import numpy as np
 
 from slamsim.check.calibration.distance_unit import SAME
 from slamsim.check.calibration.joint import Calibration
-from slamsim.check.calibration.slip_beams import borne_out
+from slamsim.check.calibration.slip_beams import mistaken_scans
 from slamsim.check.calibration.slipping import SlipSpells
 from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Curve, Finding, Measurement, Plot
@@ -45,9 +45,9 @@ SLIP = Question(
 )
 
 
-def check_slip(calibration: Calibration, by_beams: BoolArray | None = None) -> list[Finding]:
-    """Wheels against scans, second by second. by_beams: (k,) the spells in which single beams
-    agree with the scans, all if not given."""
+def check_slip(calibration: Calibration, mistaken: BoolArray | None = None) -> list[Finding]:
+    """Wheels against scans, second by second. mistaken: (k,) the spells in which single beams
+    say that the scans are wrong, none if not given."""
     spells, wheels = calibration.spells, calibration.model.wheels
     if spells is None or wheels is None:
         return []
@@ -66,7 +66,8 @@ def check_slip(calibration: Calibration, by_beams: BoolArray | None = None) -> l
     )
     findings = [_standing(wheels, spells, plot)] if spells.frozen.any() else []
     slips = spells.slipping & ~(spells.beside_frozen & spells.frozen.any())
-    slips &= True if by_beams is None else by_beams
+    no_slip = slips & (False if mistaken is None else mistaken)
+    slips &= ~no_slip
     excess = np.abs(spells.wheels - spells.scans)[slips].sum(axis=0)
     limits = np.array([SLIP_LIMIT_M, SLIP_LIMIT_RAD])
     if not wheels.wired and not np.any(np.diff(spells.start_s[slips]) < IN_A_ROW_S):
@@ -75,7 +76,7 @@ def check_slip(calibration: Calibration, by_beams: BoolArray | None = None) -> l
         SLIP,
         wheels.topic,
         f"in {int(slips.sum())} of {len(slips)} s wheels and scans differ, together by "
-        f"{excess[0]:.2f} m and {np.degrees(excess[1]):.1f} deg",
+        f"{excess[0]:.2f} m and {np.degrees(excess[1]):.1f} deg{_beside(no_slip)}",
         Measurement(float(excess[0]), 0.0, "m"),
         verdict="fault" if (excess > limits).any() else "ok",
         limit=float(limits[0]),
@@ -88,10 +89,8 @@ def check_slip(calibration: Calibration, by_beams: BoolArray | None = None) -> l
 def _slip_in_metres(evidence: RecordingEvidence) -> list[Finding]:
     """Scans that were matched at another scale than theirs tell no slip."""
     calibration, unit = evidence.calibration, evidence.wrong_unit
-    if unit is None:
-        return [] if calibration is None else check_slip(calibration, _by_beams(evidence))
-    findings = [] if calibration is None else check_slip(calibration)
-    if unit.side == "wheels":
+    findings = [] if calibration is None else check_slip(calibration, _mistaken(evidence))
+    if unit is None or unit.side == "wheels":
         return findings
     if abs(unit.metres / evidence.metres_per_unit - 1.0) < SAME:
         return findings
@@ -102,15 +101,23 @@ def _slip_in_metres(evidence: RecordingEvidence) -> list[Finding]:
 GROUP = QuestionGroup("motion", 130, (STANDING, SLIP), _slip_in_metres, thorough=True)
 
 
-def _by_beams(evidence: RecordingEvidence) -> BoolArray | None:
-    """(k,) whether the beams agree with the scans in each spell; None where nothing slips."""
+def _mistaken(evidence: RecordingEvidence) -> BoolArray | None:
+    """(k,) the spells in which the scans are wrong, not the wheels; None where nothing slips."""
     calibration, motions = evidence.calibration, evidence.motions
-    scans = next(iter(lidars(evidence.recording)), None)
-    if scans is None or motions is None or calibration is None or calibration.spells is None:
+    if motions is None or calibration is None or calibration.spells is None:
         return None
     if not calibration.spells.slipping.any():
         return None
-    return borne_out(calibration, scans, motions.range_noise_m)
+    scans = next(one for one in lidars(evidence.recording) if one.topic == motions.topic)
+    return mistaken_scans(calibration, scans, motions.range_noise_m)
+
+
+def _beside(no_slip: BoolArray) -> str:
+    """What is left out."""
+    seconds = int(no_slip.sum())
+    if not seconds:
+        return ""
+    return f"; in {seconds} s more they do, which single beams do not bear out"
 
 
 def _standing(wheels: IntegratedMotion, spells: SlipSpells, plot: Plot) -> Finding:
