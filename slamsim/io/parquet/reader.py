@@ -67,12 +67,8 @@ def _made(folder: Path, table: str, made: Callable[[Table, Table], _Made]) -> _M
     with as_input_errors(path, "its columns"):
         facts, cells = table_facts(path), read_table(path)
         if not facts:
-            reason = (
-                "its schema does not say what the table is: take the table that slamsim wrote, "
-            )
-            raise InputRefused(
-                path, reason + "or write it anew with pyarrow, which keeps the schema"
-            )
+            reason = "its schema does not say what the table is, as after pandas or polars: take "
+            raise InputRefused(path, reason + "the table as slamsim wrote it, or as pyarrow does")
         require_sound(facts, cells)
         return made(facts, cells)
 
