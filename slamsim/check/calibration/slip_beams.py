@@ -36,7 +36,7 @@ def mistaken_scans(calibration: Calibration, scans: RawScans, noise_m: float) ->
     spells, steps = calibration.spells, calibration.model.steps
     assert spells is not None
     by_wheels = calibration.model.predicted(calibration.fit.values)[0]
-    overlay = _Overlay(BeamReader(scans), noise_m, mirrored(calibration))
+    overlay = _Overlay(BeamReader(scans), noise_m, _mirrored(calibration))
     found = spells.slipping.copy()
     for run in _runs(spells.slipping, spells.step_of, steps):
         ends = int(steps.first[run[0]]), int(steps.second[run[-1]])
@@ -45,7 +45,7 @@ def mistaken_scans(calibration: Calibration, scans: RawScans, noise_m: float) ->
     return found
 
 
-def mirrored(calibration: Calibration) -> bool:
+def _mirrored(calibration: Calibration) -> bool:
     """Whether the fit has the scans' motion as seen from the other side."""
     return calibration.inputs.upside_down != calibration.alignment.mirror
 
