@@ -25,6 +25,7 @@ OFFSETS = (*LIDAR_TIMES, "time_offset_imu", "time_offset_wheels")
 UNTIL_TURNS_AGREE = (*SIZES, "range_offset", "stamps_invented")
 """What scans of a wrong shape, or wheels of wrong sizes, make of everything else."""
 
+COUNTED = "time.invented"
 NO_CAUSE = "does_not_fit"
 FITTED = (*MOUNTING, "wheel_radius", "wheel_track", "range_scale")
 """Sizes that are fitted to scans and wheels: what these still differ by is not theirs."""
@@ -70,7 +71,7 @@ def _without_contradicted(findings: Sequence[Finding]) -> list[Finding]:
     """Where turns of scans and of all others differ, and scans do not fit each other well enough
     to know their angles, no size that rests on either is told. Nor where scans turn by another
     factor than all others: they are then matched in a wrong shape, and lengths come out as wrong as
-    turns."""
+    turns. That stamps are counted is seen without any motion."""
     asked = {one.check: one for one in findings}
     rotation, step = asked.get("laser.rotation"), asked.get("laser.angle_step")
     unknown = all(
@@ -80,7 +81,10 @@ def _without_contradicted(findings: Sequence[Finding]) -> list[Finding]:
     if not unknown and (rotation is None or rotation.fault != "laser_angle_step"):
         return list(findings)
     reason = "cannot be told while the turns of the scans and of the others contradict each other"
-    return [one.inconclusive(reason) if one.fault in UNTIL_TURNS_AGREE else one for one in findings]
+    return [
+        one.inconclusive(reason) if one.fault in UNTIL_TURNS_AGREE and one.check != COUNTED else one
+        for one in findings
+    ]
 
 
 def _without_drift_of_none(findings: Sequence[Finding]) -> list[Finding]:

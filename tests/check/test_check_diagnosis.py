@@ -32,6 +32,13 @@ def test_two_faults_are_both_told() -> None:
     ) == {"wheel_radius", "gyro_bias"}
 
 
+def test_scans_with_counted_stamps_do_not_tell_how_far_they_turn() -> None:
+    counted = bad("time.invented", "/scan", "stamps_invented")
+    turned = bad("laser.rotation", "/scan", "laser_angle_step")
+    assert names(counted, turned) == {"stamps_invented"}
+    assert names(bad("time.receipt", "/scan", "stamps_invented"), turned) == {"laser_angle_step"}
+
+
 def test_sizes_are_not_told_where_wheels_and_scans_contradict_each_other_once_they_are_fitted() -> (
     None
 ):
