@@ -15,10 +15,15 @@ from slamsim.check.fault_groups import LIDAR_TIMES, MOUNTING, SIZES
 from slamsim.check.findings import SURE_SIGMAS, Finding, Measurement
 from slamsim.check.registry import fault_meaning, registry
 
-MOST_MOVED = {"rolling_scan_untimed": 2.0, "stamps_quantised": 1.0, "stamps_jitter": 2.0}
-"""An undeclared sweep, and stamps that are rounded or of publishing, move instants by no more than
-so many times their length, or their scatter: delays of one sign are on average no more than twice
-as long as they scatter."""
+MOST_MOVED = {
+    "rolling_scan_untimed": 2.0,
+    "scans_overlap": 1.0,
+    "stamps_quantised": 1.0,
+    "stamps_jitter": 2.0,
+}
+"""An undeclared sweep, one that is too long, and stamps that are rounded or of publishing, move
+instants by no more than so many times their length, or their scatter: delays of one sign are on
+average no more than twice as long as they scatter."""
 
 OFFSETS = (*LIDAR_TIMES, "time_offset_imu", "time_offset_wheels")
 

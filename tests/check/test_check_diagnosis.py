@@ -39,6 +39,23 @@ def test_scans_with_counted_stamps_do_not_tell_how_far_they_turn() -> None:
     assert names(bad("time.receipt", "/scan", "stamps_invented"), turned) == {"laser_angle_step"}
 
 
+def test_a_sweep_that_is_too_long_explains_an_offset_up_to_its_length() -> None:
+    long = replace(
+        bad("time.overlap", "/scan", "scans_overlap"), estimate=Measurement(199.0, 0.0, "ms")
+    )
+    for late_ms, told in ((102.0, set()), (300.0, {"time_offset_lidar"})):
+        late = replace(
+            bad("time.offset.lidar", "/scan", "time_offset_lidar"),
+            estimate=Measurement(late_ms, 1.0, "ms"),
+        )
+        assert names(long, late) == {"scans_overlap", *told}
+
+
+def test_two_publishers_of_an_odometry_tell_no_sizes() -> None:
+    shared = bad("topic.publishers", "/odom", "topic_shared")
+    assert names(shared, bad("ranges.scale", "/scan", "range_scale")) == {"topic_shared"}
+
+
 def test_sizes_are_not_told_where_wheels_and_scans_contradict_each_other_once_they_are_fitted() -> (
     None
 ):

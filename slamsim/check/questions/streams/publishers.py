@@ -8,7 +8,7 @@ from typing import TypeVar
 import numpy as np
 
 from slamsim.check.evidence import RecordingEvidence
-from slamsim.check.fault_groups import BY_SCANS, MOUNTING, STAMPS
+from slamsim.check.fault_groups import BY_SCANS, MOUNTING, SIZES, STAMPS
 from slamsim.check.findings import Finding, Measurement
 from slamsim.check.question import (
     FaultKind,
@@ -56,7 +56,7 @@ PUBLISHERS = Question(
                     *(*STAMPS, "scans_overlap", "scan_time"),
                     *("odometry_jump", "odometry_contradicts_wheels", "odometry_frozen"),
                 ),
-                anywhere("tf_contradicts_odometry", "odometries_contradict", "wheel_slip"),
+                anywhere("tf_contradicts_odometry", "odometries_contradict", *SIZES),
                 lidar_stamps(*BY_SCANS, "time_offset_imu", "time_offset_wheels"),
             ),
         ),

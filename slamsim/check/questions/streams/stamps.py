@@ -5,8 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.check.evidence import RecordingEvidence
+from slamsim.check.fault_groups import LIDAR_TIMES
 from slamsim.check.findings import Curve, Finding, Measurement, Plot
-from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
+from slamsim.check.question import (
+    FaultKind,
+    Question,
+    QuestionGroup,
+    judge,
+    same_subject,
+    unanswered,
+)
 from slamsim.check.questions.streams.clock_steps import STEP, check_step
 from slamsim.check.questions.streams.epochs import EPOCH, check_epochs
 from slamsim.check.questions.streams.gaps import GAPS
@@ -33,7 +41,13 @@ _NO_INSTANTS = ("epoch_mismatch", "stamps_quantised", "stamps_repeated")
 OVERLAP = Question(
     "time.overlap",
     "a scan begins when the one before it has ended",
-    (FaultKind("scans_overlap", "a scan begins before the one before it ended"),),
+    (
+        FaultKind(
+            "scans_overlap",
+            "a scan begins before the one before it ended",
+            (same_subject(*LIDAR_TIMES),),  # of a sweep too long the middle is too late
+        ),
+    ),
     unit="ms",
     consequence="scans are freed of the wrong motion: walls bend while the robot turns",
     excitation_wanted="two scans of different stamps",
