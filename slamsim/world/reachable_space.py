@@ -72,9 +72,18 @@ def coarsest_m(bounds_m: Bounds) -> float:
 def _room(solid: BoolArray, resolution_m: float) -> FloatArray:
     """A lower bound, in metres, of the distance from the middle of each cell to any solid; what
     lies outside the raster counts as solid."""
-    free = np.pad(~solid, 1)
-    distance = ndimage.distance_transform_edt(free)[1:-1, 1:-1]
-    return np.asarray((distance - math.sqrt(0.5)) * resolution_m)
+    cells = _cells_to_nearest(np.pad(~solid, 1))[1:-1, 1:-1]
+    return np.asarray((cells - math.sqrt(0.5)) * resolution_m)
+
+
+def _cells_to_nearest(free: BoolArray) -> FloatArray:
+    """The distance of each cell to the nearest that is not free: bit for bit as by
+    ``ndimage.distance_transform_edt(free)``, which holds three times as much at once."""
+    away = ndimage.distance_transform_edt(free, return_distances=False, return_indices=True)
+    for axis, side in enumerate(free.shape):
+        away[axis] -= np.expand_dims(np.arange(side, dtype=away.dtype), 1 - axis)
+    squares = np.einsum("kij,kij->ij", away, away, dtype=np.float64)
+    return np.asarray(np.sqrt(squares, out=squares))
 
 
 def _part_of(

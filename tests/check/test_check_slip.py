@@ -9,7 +9,7 @@ import pytest
 from calibration_example import T_BASE_LASER, Robot
 
 from slamsim.check.calibration.joint import Calibration, calibrate_inputs
-from slamsim.check.calibration.slip_beams import mistaken_scans
+from slamsim.check.calibration.slip_beams import _plainly_fewer, mistaken_scans
 from slamsim.check.motion.inputs import from_above
 from slamsim.check.motion.integrated import integrated_wheels
 from slamsim.check.questions.wheels.slip import check_slip
@@ -84,3 +84,14 @@ def test_wheels_that_slip_are_told_by_beams_too(upside_down: bool, every: int) -
         inputs = replace(inputs, steps=from_above(inputs.steps))
     scans = scans_of(robot, -1.0 if upside_down else 1.0, ANGLES[::every])
     assert told(calibrate_inputs(inputs), scans) == ({"wheel_slip"}, {"wheel_slip"})
+
+
+@pytest.mark.parametrize(
+    ("for_scans", "for_wheels", "fewer"),
+    [(20, 19, True), (0, 84, True), (0, 3, True), (0, 0, False), (7, 2, False), (8, 6, False)],
+)
+def test_few_beams_that_mostly_fit_the_scans_leave_a_slip_told(
+    for_scans: int, for_wheels: int, fewer: bool
+) -> None:
+    """The first are of people ahead, the last two of a corridor with 120 beams."""
+    assert _plainly_fewer(for_scans, for_wheels) is fewer
