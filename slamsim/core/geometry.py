@@ -96,6 +96,16 @@ def transform_points(T_a_b: _FloatArray, points_b: _FloatArray) -> _FloatArray:
     return np.stack([x, y], axis=-1)
 
 
+def chained(start: _FloatArray, steps: _FloatArray) -> _FloatArray:
+    """(n + 1, 3) poses from a start (3,) along steps (n, 3), each seen from the pose before."""
+    yaw = start[2] + np.concatenate([[0.0], np.cumsum(steps[:, 2])])
+    cos, sin = np.cos(yaw[:-1]), np.sin(yaw[:-1])
+    x = np.cumsum(cos * steps[:, 0] - sin * steps[:, 1])
+    y = np.cumsum(sin * steps[:, 0] + cos * steps[:, 1])
+    path = np.vstack([np.zeros(2), np.column_stack([x, y])]) + start[:2]
+    return np.column_stack([path, wrap_angle(yaw)])
+
+
 def interpolate_se2(start: _FloatArray, end: _FloatArray, fraction: _FloatArray) -> _FloatArray:
     """Straight line in x and y, shortest turn in yaw, the given fraction (n,) of the way."""
     step = end - start

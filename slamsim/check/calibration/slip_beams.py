@@ -7,7 +7,7 @@ import numpy as np
 
 from slamsim.check.calibration.joint import Calibration
 from slamsim.check.motion.laser_steps import LaserSteps
-from slamsim.core.geometry import compose, transform_points
+from slamsim.core.geometry import chained, transform_points
 from slamsim.core.types import BoolArray, FloatArray, IntArray
 from slamsim.recording import RawScans
 from slamsim.slam.laser.scan_beams import BeamReader
@@ -40,8 +40,11 @@ def mistaken_scans(calibration: Calibration, scans: RawScans, noise_m: float) ->
     found = spells.slipping.copy()
     for run in _runs(spells.slipping, spells.step_of, steps):
         ends = int(steps.first[run[0]]), int(steps.second[run[-1]])
-        motions = _joined(steps.T_first_second[run]), _joined(by_wheels[run])
-        found[spells.step_of[run]] &= _plainly_fewer(*overlay.votes(ends, motions))
+        by_scans, by_odometry = (
+            chained(np.zeros(3), each[run])[-1] for each in (steps.T_first_second, by_wheels)
+        )
+        votes = overlay.votes(ends, (by_scans, by_odometry))
+        found[spells.step_of[run]] &= _plainly_fewer(*votes)
     return found
 
 
@@ -56,14 +59,6 @@ def _runs(slipping: BoolArray, step_of: IntArray, steps: LaserSteps) -> list[Int
     gaps = (np.diff(chosen) > 1) | (np.diff(steps.window[chosen]) != 0)
     gaps |= steps.second[chosen[:-1]] != steps.first[chosen[1:]]
     return np.split(chosen, np.flatnonzero(gaps) + 1) if chosen.size else []
-
-
-def _joined(T_steps: FloatArray) -> FloatArray:
-    """(3,) all steps (n, 3) one after the other."""
-    T_first_last = np.zeros(3)
-    for T_step in T_steps:
-        T_first_last = compose(T_first_last, T_step)
-    return T_first_last
 
 
 def _plainly_fewer(for_scans: int, for_wheels: int) -> bool:

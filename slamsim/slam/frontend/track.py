@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from slamsim.core.geometry import between, compose, wrap_angle
+from slamsim.core.geometry import between, chained, compose
 from slamsim.core.types import BoolArray, FloatArray, PlanarTrajectory
 from slamsim.models.wheel_gyro import PARAMETERS
 from slamsim.slam.backend.smoothing import Chain, Smoothed, odometry_steps, smooth
@@ -128,16 +128,6 @@ class Track:
     def _column(self, name: str) -> np.ndarray:
         blocks = self._blocks or [np.zeros(0, dtype=_ROW)]
         return np.concatenate([block[name] for block in blocks])[: self._count]
-
-
-def chained(start: FloatArray, steps: FloatArray) -> FloatArray:
-    """(n + 1, 3) poses from a start (3,) along steps (n, 3), each seen from the pose before."""
-    yaw = start[2] + np.concatenate([[0.0], np.cumsum(steps[:, 2])])
-    cos, sin = np.cos(yaw[:-1]), np.sin(yaw[:-1])
-    x = np.cumsum(cos * steps[:, 0] - sin * steps[:, 1])
-    y = np.cumsum(sin * steps[:, 0] + cos * steps[:, 1])
-    path = np.vstack([np.zeros(2), np.column_stack([x, y])]) + start[:2]
-    return np.column_stack([path, wrap_angle(yaw)])
 
 
 def _step(tracked: Tracked) -> tuple[FloatArray, FloatArray, FloatArray]:
