@@ -88,7 +88,9 @@ def require_something(path: Path, found: Recording) -> None:
     """Raises InputRefused for a recording in which nothing was found that is read."""
     if not holds_something(found):
         there = ", ".join(sorted({each.type_name for each in found.topics if each.messages}))
-        held = f"only {there}{not_of_ros(found.topics)}" if there else "no message at all"
+        damage = (f"; {each.topic}: {each.damage}" for each in found.topics if each.damage)
+        why = next(damage, not_of_ros(found.topics))
+        held = f"only {there}{why}" if there else "no message at all"
         raise InputRefused(path, f"there is nothing that could be checked, {held}")
 
 

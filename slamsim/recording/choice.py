@@ -135,13 +135,13 @@ def without_scans(topics: Iterable[RecordedTopic]) -> str:
 
 
 def not_of_ros(topics: Iterable[RecordedTopic]) -> str:
-    """What to do about messages of other schemas (foxglove.LaserScan), as the end of a sentence."""
+    """What to do about messages of other schemas (nav2d.Scan), as the end of a sentence."""
     types = {each.type_name for each in topics if each.messages and each.type_name}
     if not types or any("/" in type_name for type_name in types):
         return ""
     return (
-        "; only messages of ROS are read: write others as such, for instance with the Python "
-        "package mcap-ros2-support"
+        "; only messages of ROS, and in Foxglove's schemas LaserScan, Odometry, FrameTransform and "
+        "those of cameras and clouds, are read: write others as such"
     )
 
 

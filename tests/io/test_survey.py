@@ -178,15 +178,15 @@ def test_messages_that_are_not_of_ros_are_told_with_what_to_do(tmp_path: Path) -
     with path.open("wb") as stream:
         writer = Writer(stream)
         writer.start()
-        schema = writer.register_schema("foxglove.LaserScan", "jsonschema", b"{}")
+        schema = writer.register_schema("nav2d.Scan", "jsonschema", b"{}")
         channel = writer.register_channel("/scan", "json", schema)
         writer.add_message(channel, START_NS, b"{}", START_NS)
         writer.finish()  # type: ignore[no-untyped-call]
-    way_out = "only messages of ROS are read: write others as such"
+    way_out = "only messages of ROS, and in Foxglove's schemas "
     text = told("info", path)
     assert way_out in text and "Next:" not in text
     assert json.loads(told("info", path, "--json"))["next"] == ""
-    with pytest.raises(InputRefused, match=f"only foxglove.LaserScan; {way_out}"):
+    with pytest.raises(InputRefused, match=f"only nav2d.Scan; {way_out}"):
         read_recording(path)
     with pytest.raises(InputRefused, match=way_out):
         read_log(path)

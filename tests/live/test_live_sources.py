@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import socket
 import struct
@@ -16,6 +17,7 @@ import cbor2
 import numpy as np
 import pytest
 from fake_robot import FakeRobot
+from foxglove import messages
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from live_data import SCAN, grid, hub, scan
@@ -226,6 +228,37 @@ def test_a_foxglove_bridge_of_ros_1_is_read_and_answered() -> None:
     assert heard[-2]["channels"][0]["schemaName"] == "geometry_msgs/PoseStamped"
     back: Any = ROS1.deserialize_ros1(heard[-1][5:], POSE)
     assert (back.header.stamp.sec, back.header.stamp.nanosec) == (1, 2)
+
+
+def test_scans_in_foxgloves_own_schemas_are_read() -> None:
+    """As a program with its SDK sends them."""
+    position, upright = messages.Vector3(), messages.Quaternion(w=1.0)
+    sent = messages.LaserScan(
+        timestamp=messages.Timestamp(sec=5, nsec=7),
+        frame_id="laser",
+        pose=messages.Pose(position=position, orientation=upright),
+        end_angle=1.0,
+        ranges=[1.5, 2.5],
+    )
+    schema = base64.b64encode(messages.LaserScan.get_schema().data).decode()
+    notices: list[str] = []
+    channels = [
+        channel(1, "/scan", "protobuf", "foxglove.LaserScan", schema),
+        channel(2, "/wrong", "protobuf", "foxglove.LaserScan", "?"),
+        channel(3, "/map", "protobuf", "foxglove.Grid", schema),
+    ]
+    talk = foxglove_talk(channels, [sent.encode()], [])
+    with ExitStack() as opened:
+        url = opened.enter_context(scripted(talk, "foxglove.sdk.v1"))
+        with open_source(url, notices.append) as source:
+            assert source.topics() == [SCAN, TopicKind("/wrong", SCAN.type_name)]
+            source.subscribe(["/wrong", "/scan"])
+            arrived = source.receive(TIMEOUT_S)
+            assert arrived is not None and arrived.topic == SCAN
+            values = plain_values(SCAN.type_name, arrived.data, ros1=False)
+            assert values["header"]["stamp"] == {"sec": 5, "nanosec": 7}
+            assert values["ranges"].tolist() == [1.5, 2.5] and values["angle_increment"] == 1.0
+    assert len(notices) == 1 and "messages of /wrong are left out" in notices[0]
 
 
 def test_messages_that_cannot_be_used_are_left_out_and_told_once() -> None:

@@ -22,6 +22,7 @@ ALLOWED = {
     ),
     "matplotlib": ("report/", "dataset/catalogue/figures.py"),
     "rosbags": ("io/",),
+    "google": ("io/ros/foxglove_schemas.py",),
     "mcap": ("io/",),
     "open3d": ("sensors/",),
     "kiss_icp": ("slam/matching/", "bench/peers/"),

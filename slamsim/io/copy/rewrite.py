@@ -8,7 +8,7 @@ is encoded again: fields that a ``Recording`` does not hold, such as covariances
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -85,6 +85,7 @@ def rewrite_recording(path: Path, read: Recording, edited: Recording, folder: Pa
     ``open_bag`` does, and SlamsimError for a stamp that the format cannot hold.
     """
     with open_bag(path) as bag:
+        edited = replace(edited, transforms=tuple(_latched(edited.transforms)))
         changes = changes_between(read, edited)
         modelled = {origin.topic for _, origin in parts_with_origin(read)}
         infos = info_changes(read, edited)
@@ -108,6 +109,13 @@ def rewrite_recording(path: Path, read: Recording, edited: Recording, folder: Pa
             _merge(edits, copy, numbers, spool)
         restamps = any(change.restamped for change in changes)
         return _copied(edits, edges, [t for t in stamped if restamps and t not in edits.restamped])
+
+
+def _latched(edges: Iterable[TransformEdge]) -> Iterator[TransformEdge]:
+    """What holds until it is said again, as in Foxglove, does so in ROS on /tf_static alone."""
+    for edge in edges:
+        is_elsewhere = edge.is_static and not edge.topic.endswith("tf_static")
+        yield replace(edge, topic="/tf_static") if is_elsewhere else edge
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -235,7 +243,10 @@ def _spool_moved(edits: _Edits, copy: Copy, numbers: dict[int, int], spool: Spoo
             if row.change.topic != topic:
                 key = number, row.change.topic
                 if key not in elsewhere:
-                    elsewhere[key] = copy.declare(replace(declared[number], topic=key[1]))
+                    there = replace(declared[number], topic=key[1])
+                    if there.topic.endswith("tf_static"):
+                        there = copy.declare_standard(there.topic, TRANSFORMS, latched=True)
+                    elsewhere[key] = copy.declare(there)
                 target = elsewhere[key]
             at_ns = row.log_ns
             moved = edits.moved(topic, row, data)

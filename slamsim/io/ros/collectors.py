@@ -242,12 +242,14 @@ class TransformCollector(Collector):
             gathered = self._edges.setdefault((parent, child), _Gathered())
             gathered.add(order + np.array([0, number]), stamps_ns, received_ns, values)
 
-    def edges(self) -> list[TransformEdge]:
-        """In the order of their first appearance in a batch."""
-        is_static = self.topic.endswith("tf_static")
+    def edges(self, *, is_latched: bool) -> list[TransformEdge]:
+        """In the order of their first appearance in a batch. is_latched: a transform holds until
+        another one comes; those that differ are static on /tf_static alone."""
         found = []
         for (parent, child), gathered in self._edges.items():
             places, stamps_ns, received_ns, values = gathered.joined()
+            is_at_rest = all((each == each[0]).all() for each in values.values())
+            is_static = is_latched and (is_at_rest or self.topic.endswith("tf_static"))
             which = self.topic, parent, child, is_static, stamps_ns, received_ns
             found.append(TransformEdge(*which, origin=Origin(self.topic, places), **values))
         return found

@@ -247,7 +247,10 @@ def _assembled(bag: Bag, topics: Mapping[str, _Topic]) -> Recording:
         format=_format(bag.path),
         streams=tuple(c.stream() for kind in KINDS for c in collectors if c.kind is kind),
         transforms=tuple(
-            edge for c in collectors if isinstance(c, TransformCollector) for edge in c.edges()
+            edge
+            for c in collectors
+            if isinstance(c, TransformCollector)
+            for edge in c.edges(is_latched=bag.source.is_latched(c.topic))
         ),
         robot_description=texts[0] if texts else None,
         clock_ns=clocks[0] if clocks else None,

@@ -13,7 +13,10 @@ from mcap import records
 from slamsim.io.bag1.reader import Bag1Index, bag1_messages
 from slamsim.io.bag2.metadata import OFFERED_QOS, TYPE_HASH
 from slamsim.io.bag2.sqlite import SqliteIndex, sqlite_messages
+from slamsim.io.bag2.writer import described
 from slamsim.io.mcap.reader import McapIndex, mcap_attachments, mcap_messages
+from slamsim.io.ros.foxglove_schemas import Translation, translation
+from slamsim.io.ros.layouts import CDR_LITTLE_ENDIAN
 from slamsim.io.ros.message_types import WRITTEN_AS, MessageTypes, plain_message
 
 
@@ -78,6 +81,10 @@ class MessageSource(ABC):
         """Whether messages are serialised as ROS 2 does, with the standard definition."""
         return self.types.is_cdr(topic)
 
+    def is_latched(self, topic: str) -> bool:
+        """Whether a transform of this topic holds until another one comes."""
+        return topic.endswith("tf_static")
+
 
 class McapSource(MessageSource):
     """One or more MCAP files that were walked over already."""
@@ -86,6 +93,7 @@ class McapSource(MessageSource):
         super().__init__()
         self._indexes = indexes
         self._numbers: dict[tuple[int, int], int] = {}
+        self._translations: dict[int, Translation] = {}
         for file, index in enumerate(indexes):
             for channel in index.channels.values():
                 number = self._numbers[file, channel.id] = len(self._numbers)
@@ -99,6 +107,10 @@ class McapSource(MessageSource):
         if schema is not None:
             name, written_as, definition = schema.name, schema.encoding, schema.data
         encoding = channel.message_encoding
+        if (translated := translation(name, encoding, definition)) is not None:
+            self._translations[number] = translated
+            name, encoding = translated.type_name, "cdr"
+            written_as, definition = "ros2msg", described(name)[1].encode()
         self.declarations[number] = Declaration(
             channel.topic, name, encoding, written_as, definition, metadata=channel.metadata
         )
@@ -131,7 +143,30 @@ class McapSource(MessageSource):
             wanted = {n: number for n, number in mine.items() if number in numbers}
             for channel, log_ns, published_ns, sequence, data in mcap_messages(index, wanted):
                 number, encoding = wanted[channel], index.channels[channel].message_encoding
-                yield number, log_ns, published_ns, sequence, plain_message(data, encoding)
+                turn = self._translations.get(number)
+                plain = _turned(turn, data) if turn else plain_message(data, encoding)
+                yield number, log_ns, published_ns, sequence, plain
+
+    def deserialize(self, topic: str, data: bytes) -> Any:
+        if data[: len(CDR_LITTLE_ENDIAN)] != CDR_LITTLE_ENDIAN:
+            for number, turn in self._translations.items():
+                if self.declarations[number].topic == topic:
+                    data = turn.cdr(data)  # could not be turned before, and says why
+        return super().deserialize(topic, data)
+
+    def is_latched(self, topic: str) -> bool:
+        """Foxglove takes the latest transform before an instant, however old it is."""
+        translated = (self.declarations[number].topic for number in self._translations)
+        return topic in translated or super().is_latched(topic)
+
+
+def _turned(turn: Translation, data: bytes) -> bytes:
+    """A message that cannot be turned stays as it is, which is no CDR: it is found when it is
+    decoded, and the others are read."""
+    try:
+        return turn.cdr(data)
+    except Exception:  # of many types, for damage of any kind
+        return data
 
 
 class Bag1Source(MessageSource):

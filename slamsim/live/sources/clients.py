@@ -6,6 +6,7 @@ Foxglove's is described in docs/spec.md of github.com/foxglove/ws-protocol.
 
 from __future__ import annotations
 
+import base64
 import itertools
 import json
 import math
@@ -22,6 +23,7 @@ from websockets.typing import Subprotocol
 from slamsim.guard.errors import InputRefused, reason_of, shown
 from slamsim.guard.limits import LIMITS
 from slamsim.io.bag2.writer import TopicKind, described
+from slamsim.io.ros.foxglove_schemas import Translation, translation
 from slamsim.io.ros.message_types import WRITTEN_AS, MessageTypes, normal_type_name, ros2_types
 from slamsim.io.ros.values import (
     WrongMessage,
@@ -43,12 +45,14 @@ _WRITTEN_AS = {"cdr": "ros2msg", "ros1": "ros1msg"}
 
 
 class FoxgloveSource(LiveSource):
-    """Takes the encodings cdr and ros1; a topic of another is not listed."""
+    """Takes the encodings cdr and ros1, and Foxglove's own schemas; a topic of others is not
+    listed."""
 
     subprotocols = SUBPROTOCOLS
 
     def _greet(self, connection: ClientConnection) -> None:
         self._types = MessageTypes()
+        self._translations: dict[str, Translation] = {}
         self._channels: dict[int, TopicKind] = {}
         self._subscribed: dict[int, TopicKind] = {}
         self._numbers = itertools.count()
@@ -75,13 +79,19 @@ class FoxgloveSource(LiveSource):
         for channel in objects_of(told, "channels"):
             number, encoding = channel.get("id"), text_of(channel, "encoding")
             topic, kind = text_of(channel, "topic"), text_of(channel, "schemaName")
-            if not isinstance(number, int) or encoding not in _WRITTEN_AS:
+            if not isinstance(number, int):
+                continue
+            schema = text_of(channel, "schema")
+            if (turn := translation(kind, encoding, _binary(schema))) is not None:
+                self._translations[topic] = turn
+                self._channels[number] = TopicKind(topic, turn.type_name)
+            if encoding not in _WRITTEN_AS:
                 continue
             written_as = channel.get("schemaEncoding") or _WRITTEN_AS[encoding]
             if written_as not in WRITTEN_AS:
                 continue
             self._types.declare(topic, kind, encoding)
-            self._types.define(kind, str(written_as), text_of(channel, "schema"))
+            self._types.define(kind, str(written_as), schema)
             self._channels[number] = TopicKind(topic, self._types.type_name(topic))
         self._changed(connection)
 
@@ -117,11 +127,16 @@ class FoxgloveSource(LiveSource):
             return
         data = frame[_HEAD.size :]
         try:
-            message = self._types.deserialize(topic.name, data)
-            as_it_is = self._types.is_cdr(topic.name)
-            self._arrived(topic, data if as_it_is else cdr_of_message(topic.type_name, message))
+            self._arrived(topic, self._cdr(topic, data))
         except Exception as error:  # of many types, for damage of any kind
             self._notice(f"messages of {topic.name} are left out: {reason_of(error)}")
+
+    def _cdr(self, topic: TopicKind, data: bytes) -> bytes:
+        if (turn := self._translations.get(topic.name)) is not None:
+            return turn.cdr(data)
+        message = self._types.deserialize(topic.name, data)
+        as_it_is = self._types.is_cdr(topic.name)
+        return data if as_it_is else cdr_of_message(topic.type_name, message)
 
     def _send(self, connection: ClientConnection, topic: TopicKind, data: bytes) -> None:
         if not self._encoding:
@@ -143,6 +158,14 @@ class FoxgloveSource(LiveSource):
             "schema": text or described(topic.type_name)[1],
             "schemaEncoding": _WRITTEN_AS[self._encoding],
         }
+
+
+def _binary(schema: str) -> bytes:
+    """A schema that is no text comes in base64; what is none is no schema either."""
+    try:
+        return base64.b64decode(schema)
+    except ValueError:
+        return b""
 
 
 def _publishing(told: Mapping[str, Any]) -> str:
