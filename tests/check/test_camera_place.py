@@ -20,14 +20,16 @@ from slamsim.cameras.frames import CameraClaim
 from slamsim.cameras.lens import pinhole
 from slamsim.cameras.survey import CameraSurvey
 from slamsim.check.evidence import RecordingEvidence
+from slamsim.check.findings import Finding
 from slamsim.check.motion.depth_floor import fit_floor
 from slamsim.check.motion.depth_slices import NAMES, SliceFit, fit_slices
 from slamsim.check.motion.image_leans import fit_readout, seen_leans
 from slamsim.check.motion.image_turns import TurnFit, fit_turns, seen_turns
 from slamsim.check.motion.integrated import IntegratedMotion
+from slamsim.check.questions.cameras.axes import check_axes
 from slamsim.check.questions.cameras.colours import likeness
 from slamsim.check.questions.cameras.depth import check_unit
-from slamsim.check.questions.cameras.place import before_the_axle_m, check_place
+from slamsim.check.questions.cameras.place import before_the_axle_m, check_place, check_turns
 from slamsim.check.questions.cameras.shutter import check_shutter
 from slamsim.check.questions.cameras.stereo import check_stereo
 from slamsim.check.questions.cameras.tilt import check_tilt
@@ -733,7 +735,53 @@ def test_a_camera_behind_the_axle_that_looks_ahead_turns_less(
         TransformEdge("/tf_static", "mount", "camera", True, at_ns, None, none_m, quat_xyzw[1]),
     )
     evidence = RecordingEvidence(replace(turning_recording(camera), transforms=edges))
-    assert before_the_axle_m(evidence, camera) == pytest.approx(wanted_m)
+    T_base_camera = evidence.frames.between(evidence.base, camera.frame_id)
+    assert before_the_axle_m(T_base_camera) == pytest.approx(wanted_m)
+
+
+@pytest.mark.parametrize("delay_s", [0.0, -0.2])
+@pytest.mark.parametrize("rows", [1, -1], ids=["mirrored", "upside down"])
+def test_images_that_turn_against_the_robot_are_told_as_such(delay_s: float, rows: int) -> None:
+    """Their focal length was told as 200 % off."""
+    camera = turning_images(delay_s, 0.0, 1.0)
+    flipped = replace(camera, thumbnails=camera.thumbnails[:, ::rows, ::-1].copy())
+    evidence = RecordingEvidence(turning_recording(flipped))
+    found = {one.check: one for one in check_turns(evidence)}
+    assert found["camera.turns"].fault == "camera_flipped"
+    assert found["camera.time_offset"].verdict == "inconclusive"
+
+
+def seen_by_frame(camera: CameraSurvey, R_base_camera: FloatArray) -> Finding:
+    """What is asked of the axes of the frame in which images are stamped."""
+    edge = TransformEdge(
+        *("/tf_static", "base_link", "camera", True, np.zeros(1, np.int64), None),
+        *(np.array([[0.1, 0.0, 0.3]]), xyzw_from_matrix(R_base_camera)[None]),
+    )
+    whole = replace(turning_recording(camera), transforms=(edge,))
+    (found,) = check_axes(RecordingEvidence(whole))
+    return found
+
+
+def test_images_in_the_frame_of_the_body_of_their_camera_are_told() -> None:
+    """By that frame, which has x ahead, it looks up: nothing else could be told of it."""
+    camera = turning_images(0.0, 0.0, 1.0)
+    assert seen_by_frame(camera, R_OPTICAL).verdict == "ok"
+    found = seen_by_frame(camera, np.eye(3))
+    assert (found.verdict, found.fault) == ("fault", "camera_mount")
+
+
+def test_a_camera_that_looks_at_the_ceiling_has_an_optical_frame() -> None:
+    camera = turning_images(0.0, 0.0, 1.0)
+    rng = np.random.default_rng(4)
+    ceiling = zoom(rng.uniform(20.0, 230.0, (40, 40)), 10, order=1)
+    columns, rows = np.meshgrid(np.arange(160.0) - 79.5, np.arange(90.0) - 44.5)
+    images = []
+    for yaw in turned(camera.stamps_ns * 1e-9).tolist():
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        place = [200.0 + sin * columns + cos * rows, 200.0 + cos * columns - sin * rows]
+        images.append(map_coordinates(ceiling, place, order=1))
+    above = replace(camera, thumbnails=np.array(images, dtype=np.uint8))
+    assert not seen_by_frame(above, np.eye(3)).fault
 
 
 def stereo_pair(

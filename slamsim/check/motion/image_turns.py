@@ -34,6 +34,8 @@ _THERE_AND_BACK_PX = 0.3
 _WIDEST_S = 0.25
 """Beyond which too little of an image is in the next one."""
 _SEARCHED_S, _SEARCH_STEP_S = 1.0, 0.01
+_PLAINLY = 0.5
+"""Of what is left of turns one way: what may be left of them the other way, to be told as such."""
 _REACH_PX = 7
 """Half of the window that is tracked."""
 _OUT_OF_NOISE = 2.0
@@ -253,7 +255,8 @@ class _Table:
     leans_rad: FloatArray
 
     def fitted(self) -> TurnFit | None:
-        values = np.array([self._coarse_s(), 0.0, 0.0, _READOUT_S])
+        delay_s, gain = self._coarse()
+        values = np.array([delay_s, gain, 0.0, _READOUT_S])
         for _ in range(_ROUNDS):
             readout = self._readout(values)
             believed_s, sigma_s = _believed(readout)
@@ -308,14 +311,19 @@ class _Table:
         prior = inverse[:, 3:] * scatter(weighed, _LEAST_SCATTER_RAD) ** 2 / sigma_s
         return np.asarray(found + prior @ prior.T)
 
-    def _coarse_s(self) -> float:
-        """The delay with which turns are most alike."""
+    def _coarse(self) -> tuple[float, float]:
+        """The delay with which turns are most alike, and the gain: -2 of images that are upside
+        down or mirrored, and so turn the other way."""
         delays = np.arange(-_SEARCHED_S, _SEARCHED_S + 1e-6, _SEARCH_STEP_S)
-        left = [
-            np.median(np.abs(self.turned_rad - self._told(delay + 0.5 * _READOUT_S)))
-            for delay in delays
-        ]
-        return float(delays[int(np.argmin(left))])
+        told = [self._told(delay + 0.5 * _READOUT_S) for delay in delays]
+        same, against = (
+            np.array([np.median(np.abs(self.turned_rad - sign * each)) for each in told])
+            for sign in (1.0, -1.0)
+        )
+        # A robot that weaves evenly turns the other way half a period later.
+        if against.min() < _PLAINLY * same.min():
+            return float(delays[int(np.argmin(against))]), -2.0
+        return float(delays[int(np.argmin(same))]), 0.0
 
     def _told(self, delay_s: float) -> FloatArray:
         return self._turned(self.second_s - delay_s) - self._turned(self.first_s - delay_s)

@@ -23,7 +23,14 @@ from slamsim.check.motion.image_turns import (
     fit_turns,
     seen_turns,
 )
-from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
+from slamsim.check.question import (
+    FaultKind,
+    Question,
+    QuestionGroup,
+    anywhere,
+    judge,
+    unanswered,
+)
 from slamsim.check.questions.cameras.intrinsics import CAMERA_INTRINSICS
 from slamsim.check.questions.cameras.tilt import CAMERA_MOUNT, as_tilted, seen_beside
 from slamsim.check.wording import SIDES, signed_words
@@ -102,10 +109,18 @@ OFFSET = Question(
     excitation_wanted=WANTED,
     repairs=("shift_stamps",),
 )
+CAMERA_FLIPPED = FaultKind(
+    "camera_flipped",
+    "images of a camera are upside down or mirrored",
+    (
+        anywhere("camera_depth_scale", "camera_mount", "camera_time_offset"),
+        anywhere("camera_intrinsics", "camera_rolling_shutter"),
+    ),
+)
 TURNS = Question(
     "camera.turns",
     "images turn as fast as the robot, by the focal length of their CameraInfo",
-    (CAMERA_INTRINSICS,),
+    (CAMERA_INTRINSICS, CAMERA_FLIPPED),
     limit=15.0,
     unit="%",
     consequence="points are projected to wrong pixels, and visual odometry turns too far",
@@ -117,8 +132,8 @@ _PARALLAX_S = 8e-3
 """Where one side is nearer than the other what is driven looks like a turn, and a robot drives as
 it begins and ends to turn: 4 to 12 ms in healthy drives."""
 USUAL_DISTANCE_M, _GAIN_FLOOR = 1.5, 0.02
-_R_LEVEL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-"""Of an optical frame that looks ahead."""
+R_LEVEL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+"""Of an optical frame that looks ahead, in the axes of what carries it."""
 
 
 def check_place(evidence: RecordingEvidence) -> Iterator[Finding]:
@@ -164,6 +179,15 @@ def turn_fit(evidence: RecordingEvidence, camera: CameraSurvey) -> tuple[TurnFit
 
 
 def _turn_fit(evidence: RecordingEvidence, camera: CameraSurvey) -> tuple[TurnFit | None, str]:
+    T_base_camera = evidence.frames.between(evidence.base, camera.frame_id)
+    R = R_LEVEL if T_base_camera is None else T_base_camera[:3, :3]
+    return turn_fit_of(evidence, camera, R)
+
+
+def turn_fit_of(
+    evidence: RecordingEvidence, camera: CameraSurvey, R: FloatArray
+) -> tuple[TurnFit | None, str]:
+    """As ``turn_fit``, of a camera that looks another way; R: (3, 3) from its axes to the base."""
     inputs = evidence.inputs
     other = inputs.gyro or inputs.wheels
     if other is None:
@@ -172,8 +196,6 @@ def _turn_fit(evidence: RecordingEvidence, camera: CameraSurvey) -> tuple[TurnFi
         return None, "no CameraInfo says which camera it is"
     if camera.claim.image_size != camera.size:
         return None, "its CameraInfo is for images of another size"
-    T_base_camera = evidence.frames.between(evidence.base, camera.frame_id)
-    R = _R_LEVEL if T_base_camera is None else T_base_camera[:3, :3]
     try:
         model = camera.claim.model()
         fit = fit_turns(seen_turns(camera, model, R), seen_leans(camera, model, R), other)
@@ -185,6 +207,22 @@ def _turn_fit(evidence: RecordingEvidence, camera: CameraSurvey) -> tuple[TurnFi
 
 
 def _turns(evidence: RecordingEvidence, camera: CameraSurvey, fit: TurnFit) -> Iterator[Finding]:
+    size = turn_size(evidence.frames.between(evidence.base, camera.frame_id), fit)
+    # No focal length turns images against the robot.
+    if size.value + 1.96 * size.sigma < -100.0:
+        yield judge(
+            TURNS,
+            camera.topic,
+            "images turn against the robot: they are upside down or mirrored, or the camera is "
+            "mounted upside down",
+            size,
+            verdict="fault",
+            fault=CAMERA_FLIPPED,
+            advice="Turn or flip the images in the driver, or turn the fixed transform to the "
+            "camera's frame.",
+        )
+        yield unanswered(OFFSET, camera.topic, "its images turn against the robot")
+        return
     delay_s, sigma_s = fit.delay_s
     delay = Measurement(1e3 * delay_s, 1e3 * float(np.hypot(sigma_s, _PARALLAX_S)), "ms")
     yield judge(
@@ -197,25 +235,28 @@ def _turns(evidence: RecordingEvidence, camera: CameraSurvey, fit: TurnFit) -> I
         advice="Stamp images when they are exposed, by the clock of the other sensors.",
         repairs=[Repair("shift_stamps", camera.topic, {"offset_s": -delay_s})],
     )
-    T_base_camera = evidence.frames.between(evidence.base, camera.frame_id)
-    lever_m = 0.1 if T_base_camera is None else float(np.hypot(*T_base_camera[:2, 3]))
-    by_lever = 0.5 * lever_m / USUAL_DISTANCE_M
-    # A camera before the axle moves sideways in turns: what is near seems to turn faster; behind
-    # it, slower.
-    gain = fit.gain[0] - before_the_axle_m(evidence, camera) / USUAL_DISTANCE_M
-    sigma = float(np.linalg.norm([fit.gain[1], by_lever, _GAIN_FLOOR]))
     yield judge(
         TURNS,
         camera.topic,
-        f"images turn {signed_words(100.0 * gain, '%', 'farther', 'less far', 0)} than the robot",
-        Measurement(100.0 * gain, 100.0 * sigma, "%"),
+        f"images turn {signed_words(size.value, '%', 'farther', 'less far', 0)} than the robot",
+        size,
         advice="Calibrate the camera at the size and mode in which it records.",
     )
 
 
-def before_the_axle_m(evidence: RecordingEvidence, camera: CameraSurvey) -> float:
-    """How far a camera sits from the base to where it looks."""
-    T_base_camera = evidence.frames.between(evidence.base, camera.frame_id)
+def turn_size(T_base_camera: FloatArray | None, fit: TurnFit) -> Measurement:
+    """By how much farther images turn than the robot, %; T_base_camera: (4, 4)."""
+    lever_m = 0.1 if T_base_camera is None else float(np.hypot(*T_base_camera[:2, 3]))
+    by_lever = 0.5 * lever_m / USUAL_DISTANCE_M
+    # A camera before the axle moves sideways in turns: what is near seems to turn faster; behind
+    # it, slower.
+    gain = fit.gain[0] - before_the_axle_m(T_base_camera) / USUAL_DISTANCE_M
+    sigma = float(np.linalg.norm([fit.gain[1], by_lever, _GAIN_FLOOR]))
+    return Measurement(100.0 * gain, 100.0 * sigma, "%")
+
+
+def before_the_axle_m(T_base_camera: FloatArray | None) -> float:
+    """How far a camera sits from the base to where it looks; T_base_camera: (4, 4)."""
     if T_base_camera is None:
         return 0.0
     ahead, place_m = T_base_camera[:2, 2], T_base_camera[:2, 3]

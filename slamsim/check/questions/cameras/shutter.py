@@ -63,7 +63,8 @@ def _asked(evidence: RecordingEvidence, camera: CameraSurvey) -> Finding:
         return unanswered(SHUTTER, camera.topic, reason or few)
     assert camera.claim is not None
     claimed_s = camera.claim.readout_s
-    by_lever = before_the_axle_m(evidence, camera) / USUAL_DISTANCE_M
+    T_base_camera = evidence.frames.between(evidence.base, camera.frame_id)
+    by_lever = before_the_axle_m(T_base_camera) / USUAL_DISTANCE_M
     tall_rad = camera.claim.image_size[1] / float(camera.claim.model().focal_px[1])
     by_tilt_s = tall_rad * _tilt_per_turn_s(evidence, camera)
     seen_share = max(1.0 + by_lever, _LEAST_SEEN)
