@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-LIDAR_TIMES = ("time_offset_lidar", "scan_stamp_end", "scan_stamp_middle")
+LIDAR_TIMES = ("time_offset_lidar", "scan_stamp_end", "scan_stamp_middle", "clocks_apart")
 SWEEPS = ("beam_time_scale", "beam_time_reversed", "flash_scan_timed", "rolling_scan_untimed")
 MOUNTING = ("laser_yaw", "laser_position")
 CHANGES = ("laser_moved", "wheels_changed")

@@ -30,6 +30,8 @@ OTHER_EPOCH_S = 1e5
 SAME_SWEEP_S = 5e-4
 """Beside three sigmas: the sweep of a lidar is known no better from its own scans."""
 TURNING = "turning to and fro, ten times a minute"
+_UNTOLD = "no two of the three agree, so nothing tells which two are wrong"
+_SYNCHRONISE = "Synchronise the clocks, or stamp all streams by one."
 STREAM_NAMES = {"lidar": "lidar", "imu": "inertial unit", "wheels": "wheels"}
 
 _RECEIPT = (same_subject("stamps_future", "stamps_late"),)
@@ -56,6 +58,11 @@ LATE_WHEELS = FaultKind(
     "the wheels' stamps are early or late against the other sensors",
     (*_RECEIPT, anywhere("tf_contradicts_odometry")),
 )
+CLOCKS_APART = FaultKind(
+    "clocks_apart",
+    "no two of lidar, inertial unit and wheels stamp one instant alike",
+    LATE_WHEELS.explains,
+)
 
 
 def _offset_question(id_: str, meaning: str, *faults: FaultKind, limit_s: float) -> Question:
@@ -67,7 +74,7 @@ def _offset_question(id_: str, meaning: str, *faults: FaultKind, limit_s: float)
         unit="ms",
         consequence="scans are freed of the wrong motion, and turn against odometry and map",
         excitation_wanted=TURNING,
-        repairs=("shift_stamps",) if faults else (),
+        repairs=("shift_stamps",),
     )
 
 
@@ -76,6 +83,7 @@ PAIRS = {
         f"time.offset.{'imu' if pair == 'gyro_wheel' else 'lidar'}_"
         f"{'imu' if pair == 'gyro' else 'wheels'}",
         f"{one} and {other} stamp one instant alike",
+        CLOCKS_APART,
         limit_s=LIMITS_S[pair],
     )
     for pair, (one, other) in PAIR_WORDS.items()
@@ -114,20 +122,32 @@ DRIFT = Question(
 
 
 def check_timing(calibration: Calibration) -> list[Finding]:
-    """Each pair of streams, then the stream whose stamps are wrong."""
+    """Each pair of streams, then the stream whose stamps are wrong, where one can be told."""
     pairs = pairs_of(calibration)
     offsets = {pair: offset_of(calibration, pair) for pair in pairs if calibration.follows(pair)}
-    late = most_likely({pair: (one.offset_s, one.sigma_s) for pair, one in offsets.items()})
-    one_message = calibration.inputs.together
-    late = late if any(one.is_off for one in offsets.values()) and not one_message else {}
-    drifting = most_likely({pair: (one.drift, one.drift_sigma) for pair, one in offsets.items()})
-    drifting = drifting if any(one.drifts for one in offsets.values()) and not one_message else {}
+    late = {} if calibration.inputs.together else _late(calibration, offsets)
     return [
         *_contradicted(calibration),
-        *_pair_findings(calibration, offsets),
+        *_pair_findings(calibration, offsets, told=bool(late)),
         *(_culprit(calibration, offsets, stream, late_s) for stream, late_s in late.items()),
-        *(_drift(calibration, offsets, drifting) if offsets else ()),
+        *(_drift(calibration, offsets) if offsets else ()),
     ]
+
+
+def _late(calibration: Calibration, offsets: dict[str, Offset]) -> dict[str, float]:
+    """The streams that are to blame, with how late each is; empty if none is, or nothing tells."""
+    wrong = {pair for pair, one in offsets.items() if one.is_off}
+    late = most_likely({pair: (one.offset_s, one.sigma_s) for pair, one in offsets.items()}, wrong)
+    if late or len(wrong) < len(PAIRS):
+        return late
+    # Two streams are late, any two. A lidar late by a sweep, or half of one, is no accident.
+    between_s = offsets["gyro_wheel"].offset_s
+    found = [
+        {"lidar": -offsets[pair].offset_s, other: other_s}
+        for pair, other, other_s in (("gyro", "wheels", between_s), ("wheel", "imu", -between_s))
+        if _instant(calibration, -offsets[pair].offset_s, offsets[pair].sigma_s)[0] != LATE_LIDAR
+    ]
+    return found[0] if len(found) == 1 else {}
 
 
 def _contradicted(calibration: Calibration) -> list[Finding]:
@@ -159,12 +179,14 @@ def _topics(calibration: Calibration) -> dict[str, str]:
     }
 
 
-def _pair_findings(calibration: Calibration, offsets: dict[str, Offset]) -> list[Finding]:
-    """All pairs but those that differ: which stream of these is wrong is told apart."""
+def _pair_findings(
+    calibration: Calibration, offsets: dict[str, Offset], told: bool
+) -> list[Finding]:
+    """All pairs. told: but those that are off, for a stream that is wrong is told by itself."""
     return [
         _pair(calibration, pair, offsets.get(pair))
         for pair in pairs_of(calibration)
-        if pair not in offsets or not offsets[pair].is_off or calibration.inputs.together
+        if not (told and pair in offsets and offsets[pair].is_off)
     ]
 
 
@@ -184,7 +206,28 @@ def _pair(calibration: Calibration, pair: str, offset: Offset | None) -> Finding
     if calibration.inputs.together and offset.is_off:
         words += "; both carry one stamp, so the pose may just be older or newer than the scan"
         return judge(PAIRS[pair], subject, words, offset.size, verdict="inconclusive")
-    return judge(PAIRS[pair], subject, words, offset.size)
+    if offset.is_off:
+        words += f"; {_UNTOLD}"
+    return judge(
+        PAIRS[pair],
+        subject,
+        words,
+        offset.size,
+        advice="Record with all clocks kept together, and stamp at the instant of measurement.",
+        repairs=_onto_imu(calibration, "shift_stamps", pair, {"offset_s": -offset.offset_s}),
+    )
+
+
+def _onto_imu(
+    calibration: Calibration, operation: str, pair: str, correction: dict[str, float | str]
+) -> tuple[Repair, ...]:
+    """That which brings a stream to the clock of the inertial unit: where all three differ, each
+    would do as well. correction: of the stream that the pair names first."""
+    topics = _topics(calibration)
+    if pair == "gyro":
+        turned = {name: -v if isinstance(v, float) else v for name, v in correction.items()}
+        return (Repair(operation, topics["lidar"], turned),)
+    return (Repair(operation, topics["wheels"], correction),) if pair == "gyro_wheel" else ()
 
 
 def _unlike(shift: Shift | None) -> str:
@@ -247,41 +290,56 @@ def _instant(calibration: Calibration, late_s: float, sigma_s: float) -> tuple[F
     return LATE_LIDAR, ""
 
 
-def _drift(
-    calibration: Calibration, offsets: dict[str, Offset], drifting: dict[str, float]
-) -> list[Finding]:
-    if not drifting:
-        best = min(offsets.values(), key=lambda one: one.drift_sigma)
-        size, limit_ppm = best.drift_size, best.drift_limit_ppm
-        one, other = PAIR_WORDS[best.pair]
-        apart = as_interval(size.value, size.sigma)
-        words = f"clocks of {one} and {other} run apart by {apart} ppm"
+def _drift(calibration: Calibration, offsets: dict[str, Offset]) -> list[Finding]:
+    """The stream whose clock drifts; where none can be told, the pairs that do."""
+    drifts = {pair: one for pair, one in offsets.items() if one.drifts}
+    seen = {pair: (one.drift, one.drift_sigma) for pair, one in offsets.items()}
+    drifting = {} if calibration.inputs.together else most_likely(seen, set(drifts))
+    if drifting:
         return [
-            judge(
-                DRIFT,
-                _topics(calibration)[stream_of(best.pair)],
-                words,
-                size,
-                verdict="inconclusive" if best.drifts else None,
-                limit=limit_ppm,
-            )
+            _drifts(calibration, stream, rate, min(one.drift_sigma for one in _of(stream, offsets)))
+            for stream, rate in drifting.items()
         ]
-    return [
-        _drifts(calibration, stream, rate, min(one.drift_sigma for one in _of(stream, offsets)))
-        for stream, rate in drifting.items()
-    ]
+    best = min(offsets.values(), key=lambda one: one.drift_sigma)
+    return [_apart(calibration, one) for one in drifts.values() or (best,)]
+
+
+def _apart(calibration: Calibration, offset: Offset) -> Finding:
+    """How two clocks run apart."""
+    one, other = PAIR_WORDS[offset.pair]
+    size = offset.drift_size
+    words = f"clocks of {one} and {other} run apart by {as_interval(size.value, size.sigma)} ppm"
+    together = calibration.inputs.together
+    if offset.drifts and not together:
+        words += f"; {_UNTOLD}"
+    return judge(
+        DRIFT,
+        _topics(calibration)[stream_of(offset.pair)],
+        words,
+        size,
+        verdict="inconclusive" if offset.drifts and together else None,
+        limit=offset.drift_limit_ppm,
+        advice=_SYNCHRONISE,
+        repairs=_onto_imu(
+            calibration, "rescale_stamps", offset.pair, _slowed(calibration, offset.drift)
+        ),
+    )
+
+
+def _slowed(calibration: Calibration, rate: float) -> dict[str, float | str]:
+    """What takes a drift off the stamps."""
+    begin_ns = int(calibration.model.steps.first_ns[0])
+    return {"drift_ppm": rate * 1e6, "origin_ns": str(begin_ns)}
 
 
 def _drifts(calibration: Calibration, stream: str, rate: float, sigma: float) -> Finding:
     topic = _topics(calibration)[stream]
-    begin_ns = int(calibration.model.steps.first_ns[0])
-    correction: dict[str, float | str] = {"drift_ppm": rate * 1e6, "origin_ns": str(begin_ns)}
     return judge(
         DRIFT,
         topic,
         f"its clock runs {abs(rate) * 1e6:.4g} ppm too {'fast' if rate > 0.0 else 'slow'}",
         Measurement(rate * 1e6, sigma * 1e6, "ppm"),
         verdict="fault",
-        advice="Synchronise the clocks, or stamp all streams by one.",
-        repairs=(Repair("rescale_stamps", topic, correction),),
+        advice=_SYNCHRONISE,
+        repairs=(Repair("rescale_stamps", topic, _slowed(calibration, rate)),),
     )

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Set
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from slamsim.check.calibration.joint import Calibration
-from slamsim.check.findings import SURE_SIGMAS, Measurement, decide
+from slamsim.check.findings import Measurement, decide
 from slamsim.core.types import FloatArray
 
 LIMITS_S = {"gyro": 1e-3, "wheel": 1.5e-3, "gyro_wheel": 1.5e-3}
@@ -106,28 +107,34 @@ def _recorded_s(calibration: Calibration) -> tuple[float, float]:
     return min(ends_s), max(ends_s)
 
 
-def most_likely(differences: dict[str, tuple[float, float]]) -> dict[str, float]:
-    """How late each stream is that must be, if as few as possible are: by stream.
+OTHERS = {"lidar": "gyro_wheel", "imu": "wheel", "wheels": "gyro"}
+"""The pair that a stream has no part in."""
 
-    differences: by pair, value and sigma. Of two streams alone the lidar is blamed, for its
-    messages take longest to make; of three that all differ, the inertial unit is trusted.
+
+def most_likely(differences: dict[str, tuple[float, float]], wrong: Set[str]) -> dict[str, float]:
+    """How late the one stream is that explains the wrong pairs: by stream; empty if none does.
+
+    differences: by pair, value and sigma. wrong: pairs that are apart by more than healthy ones. A
+    stream is to blame where the two others agree. Of two streams alone the lidar is blamed, for its
+    messages take longest to make. Where all three pairs are wrong, two streams are, and any two of
+    them would explain it.
     """
+    if not wrong:
+        return {}
     if "gyro" in differences and "wheel" in differences:
         seen = np.array([differences["gyro"][0], differences["wheel"][0]])
         sigmas = np.array([differences["gyro"][1], differences["wheel"][1]])
         patterns = {"lidar": [-1.0, -1.0], "imu": [1.0, 0.0], "wheels": [0.0, 1.0]}
-        fits = {name: _explained(np.array(by), seen, sigmas) for name, by in patterns.items()}
-        name, (late, misfit) = min(fits.items(), key=lambda one: one[1][1])
-        if misfit < SURE_SIGMAS**2:
-            return {name: late}
-        return {"lidar": -float(seen[0]), "wheels": float(seen[1] - seen[0])}
-    if "gyro" in differences:
-        return {"lidar": -differences["gyro"][0]}
-    if "wheel" in differences:
-        return {"lidar": -differences["wheel"][0]}
-    if "gyro_wheel" in differences:
-        return {"wheels": differences["gyro_wheel"][0]}
-    return {}
+        fits = {
+            name: _explained(np.array(by), seen, sigmas)
+            for name, by in patterns.items()
+            if OTHERS[name] not in wrong
+        }
+        name, (late, _) = min(fits.items(), key=lambda one: one[1][1], default=("", (0.0, 0.0)))
+        return {name: late} if name else {}
+    pair = next(pair for pair in LIMITS_S if pair in wrong)
+    value = differences[pair][0]
+    return {"wheels": value} if pair == "gyro_wheel" else {"lidar": -value}
 
 
 def _explained(by: FloatArray, seen: FloatArray, sigmas: FloatArray) -> tuple[float, float]:
