@@ -76,7 +76,8 @@ class RawStream(_OfSchema):
     frame_ids: the distinct frames that its messages name, in order of appearance. stamps_ns: (n,)
     as in the messages. received_ns: (n,) when the recorder received each, None if
     the format does not say. samples: (n,) number of each among all that the sensor took, None
-    where lost ones are not known. origin: the messages of a file that these were read from.
+    where lost ones are not known. slashed: those of the frames that are written with a leading
+    slash. origin: the messages of a file that these were read from.
     """
 
     topic: str
@@ -84,6 +85,7 @@ class RawStream(_OfSchema):
     stamps_ns: IntArray
     received_ns: IntArray | None
     samples: IntArray | None = field(default=None, kw_only=True)
+    slashed: tuple[str, ...] = field(default=(), kw_only=True)
     origin: Origin | None = field(default=None, kw_only=True)
 
     def __len__(self) -> int:

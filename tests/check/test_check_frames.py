@@ -5,12 +5,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recording_data import edge, scans_at, stamps
+from recording_data import edge, recording, scans_at, stamps
 from scipy.spatial.transform import Rotation
 from test_check_inertial import robot
 
@@ -20,9 +21,13 @@ from slamsim.check.findings import Finding
 from slamsim.check.questions.frames.directions import check_directions
 from slamsim.check.questions.frames.quaternions import check_quaternions
 from slamsim.check.questions.frames.repeated_odometry import check_repetitions
+from slamsim.check.questions.frames.slashes import check_slashes
 from slamsim.check.questions.frames.transforms import check_transforms
 from slamsim.core.geometry import matrix_from_rpy, xyzw_from_matrix
 from slamsim.core.types import FloatArray
+from slamsim.io.bag2.writer import write_recording
+from slamsim.io.copy.recording import copy_recording
+from slamsim.io.open import read_recording
 from slamsim.recording import RawImu, RawOdometry, Recording, TransformEdge
 from slamsim.recording.edits.base import DRIVEN, ROTATIONS
 from slamsim.recording.edits.frames import RollQuaternions, with_odometry_edge
@@ -188,3 +193,27 @@ def test_a_robot_that_only_drives_straight_on_has_no_turn_to_compare() -> None:
     made = with_odometry_edge(made.with_streams(RawOdometry, (straight,)), straight)
     findings = list(check_repetitions(RecordingEvidence(made)))
     assert [one.verdict for one in findings] == ["ok", "ok"]
+
+
+def test_names_with_a_leading_slash_are_told_of_ros_2_and_lose_it(tmp_path: Path) -> None:
+    """tf2 refuses to look them up; in ROS 1 the slash meant nothing."""
+    scans = scans_at(stamps(10.0, 2.0))
+    frames = ("/laser", "/odom", "/base_link")
+    made = recording(2.0).changed(RawOdometry, lambda one: replace(one, frame_ids=frames[1:2]))
+    made = made.changed(RawOdometry, lambda one: replace(one, child_frame_ids=frames[2:]))
+    made = made.with_streams(type(scans), (replace(scans, frame_ids=frames[:1]),))
+    write_recording(made, tmp_path / "slashed")
+    read = read_recording(tmp_path / "slashed")
+    told = list(check_slashes(RecordingEvidence(read)))
+    assert [(one.fault, one.subject) for one in told] == [
+        ("frame_slash", "/scan"),
+        ("frame_slash", "/odom"),
+    ]
+    assert not list(check_slashes(RecordingEvidence(replace(read, format="rosbag1"))))
+    fixed = apply_repairs(read, [repair for one in told for repair in one.repairs])
+    assert not list(check_slashes(RecordingEvidence(fixed)))
+    copy_recording(tmp_path / "slashed", read, fixed, tmp_path / "fixed")
+    again = read_recording(tmp_path / "fixed")
+    assert not list(check_slashes(RecordingEvidence(again)))
+    named = [*again.scans[0].frame_ids, *again.odometries[0].frame_ids]
+    assert [*named, *again.odometries[0].child_frame_ids] == ["laser", "odom", "base_link"]

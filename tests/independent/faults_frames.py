@@ -136,6 +136,12 @@ FRAME_FAULTS: list[Fault] = [
         change=partial(_scan_frame, frame="lidar"),
     ),
     fault(
+        "scan_frame_slash",
+        "scan_frame",
+        "frame_slash",
+        change=partial(_scan_frame, frame="/laser"),
+    ),
+    fault(
         "imu_frame_unknown",
         "imu_frame",
         "tf_unknown_frame tf_missing_link",

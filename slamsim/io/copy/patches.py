@@ -61,9 +61,11 @@ class Pair:
         return np.array([not _same_bits(mine[i], theirs[j]) for i, j in pairs], dtype=np.bool_)
 
     def renamed(self, name: str) -> Callable[[str], str] | None:
-        """From the frame that a message names to another; None where none is renamed."""
+        """From the frame that a message names to another; None where none is renamed, and none
+        loses its slash."""
         before, after = _names(self.read, name), _names(self.edited, name)
-        if before == after or not after:
+        slashes = getattr(self.read, "slashed", ()) != getattr(self.edited, "slashed", ())
+        if not after or (before == after and not slashes):
             return None
         known = dict(zip(before, after, strict=True)) if len(before) == len(after) else {}
         return lambda frame: known.get(frame_name(frame), after[0])

@@ -93,6 +93,7 @@ class Collector:
         self.topic, self._opened, self._is_cdr = topic, opened, is_cdr
         self.taken = 0
         self._names: dict[str, dict[str, None]] = {}
+        self._slashed: dict[str, None] = {}
         self._seen = 0
 
     def add(self, received_ns: IntArray, batch: list[bytes]) -> None:
@@ -116,11 +117,16 @@ class Collector:
 
     def _note_frames(self, message: Any, schema: Schema) -> None:
         for name, place in schema.frames:
-            self._names.setdefault(name, {}).setdefault(frame_name(at_place(message, place)))
+            written = at_place(message, place)
+            frame = frame_name(written)
+            self._names.setdefault(name, {}).setdefault(frame)
+            if written.startswith("/"):
+                self._slashed.setdefault(frame)
 
     def _frames(self, schema: Schema) -> dict[str, Any]:
-        """The distinct frames that the messages name, by the field of the stream."""
-        return {name: tuple(self._names[name]) for name, _ in schema.frames}
+        """What the messages say of their frames, by the field of the stream."""
+        names = {name: tuple(self._names[name]) for name, _ in schema.frames}
+        return {**names, "slashed": tuple(self._slashed)}
 
 
 class NumberCollector(Collector, Generic[_Raw]):

@@ -31,7 +31,8 @@ class RenameFrame(MessagesEdit):
     child: bool = False
 
     def changed(self, stream: Any) -> Any:
-        return replace(stream, **{"child_frame_ids" if self.child else "frame_ids": (self.frame,)})
+        names = "child_frame_ids" if self.child else "frame_ids"
+        return replace(stream, slashed=(), **{names: (self.frame,)})
 
 
 @dataclass(frozen=True, slots=True)
