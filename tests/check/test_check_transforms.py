@@ -90,6 +90,13 @@ def with_edges(*edges: TransformEdge) -> Recording:
     return replace(sound(), transforms=edges)
 
 
+def test_an_unknown_child_of_odometry_is_the_frame_that_moves_below_it() -> None:
+    """Not the one with the nearest name: "base" is more like "laser" than like "base_link"."""
+    made = sound().changed(RawOdometry, lambda one: replace(one, child_frame_ids=("laser",)))
+    (told,) = [one for one in frame_findings(made) if one.fault == "tf_unknown_frame"]
+    assert [one.parameters["frame"] for one in told.repairs] == ["base_footprint"]
+
+
 def test_a_whole_tree_is_sound() -> None:
     assert not bad(sound())
     assert {finding.check for finding in frame_findings(sound())} == {

@@ -18,6 +18,7 @@ from slamsim.check.questions.frames.transform_times import (
     check_coverage,
 )
 from slamsim.core.types import BoolArray, FloatArray
+from slamsim.guard.errors import nearest_name
 from slamsim.guard.numbers import is_sound
 from slamsim.recording import RawOdometry, RawStream, Recording, TransformEdge
 from slamsim.recording.frame_graph import FrameGraph
@@ -236,7 +237,8 @@ def _odometry_children(recording: Recording, graph: FrameGraph) -> Iterator[Find
     for odometry in recording.odometries if recording.format != "carmen" else ():
         for frame in odometry.child_frame_ids:
             if frame and frame not in graph and frame not in links:
-                nearest = graph.nearest(frame)
+                moved = [e.child for e in recording.transforms if e.parent in odometry.frame_ids]
+                nearest = nearest_name(frame, moved, 0.0) or graph.nearest(frame)
                 yield judge(
                     FRAMES,
                     odometry.topic,
