@@ -132,6 +132,14 @@ def test_coarse_stamps_are_named_with_their_step(step_s: float, rate_hz: float) 
     assert named.estimate.value == pytest.approx(1e3 * step_s)
 
 
+@pytest.mark.parametrize("begin_s", [0.0, 0.025, 0.05, 0.075])
+def test_coarse_stamps_that_scattered_before_they_were_rounded(begin_s: float) -> None:
+    """At 8 Hz every fourth stamp falls on a tenth of a second, before or behind which is chance."""
+    rng = np.random.default_rng(3)
+    even_s = 100.0 + begin_s + 0.125 * np.arange(480) + 3e-4 * rng.standard_normal(480)
+    assert rounding_step_s(np.diff(np.floor(10.0 * even_s) / 10.0)) == 0.1
+
+
 def test_single_precision_is_named_as_such() -> None:
     unix = stamps(10.0, 900.0, 1_700_000_000.0)
     single = np.asarray((unix * 1e-9).astype(np.float32).astype(np.float64) * 1e9, dtype=np.int64)
@@ -424,6 +432,18 @@ def test_stamps_made_up_at_a_constant_rate_are_contradicted_by_their_receipt() -
 def test_scans_that_last_longer_than_their_period() -> None:
     found = _with_scans(lambda s: replace(s, layouts=(replace(LAYOUT, beam_dt_s=3e-3),)))
     assert _bad(found) == {"/scan": {"scans_overlap"}}
+
+
+@pytest.mark.parametrize(("every", "told"), [(10, {"scans_overlap"}), (150, set())])
+def test_some_scans_that_end_after_the_next_one_has(every: int, told: set[str]) -> None:
+    """A few may: a driver measures how long a scan took from the start of its motor on."""
+
+    def longer(scans: RawScans) -> RawScans:
+        layout_of = np.where(np.arange(len(scans)) % every, 0, 1).astype(np.int32)
+        longest = replace(LAYOUT, beam_dt_s=0.1)
+        return replace(scans, layouts=(LAYOUT, longest), layout_of=layout_of)
+
+    assert _bad(_with_scans(longer)).get("/scan", set()) == told
 
 
 def test_receipt_by_the_wall_clock_is_read_on_the_simulated_one() -> None:

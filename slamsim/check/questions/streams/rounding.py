@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from slamsim.core.types import FloatArray
@@ -13,6 +15,9 @@ _UNEVEN_SHARE = 0.01
 _VARYING_SHARE = 0.05
 _REPEATED_SHARE = 0.05
 _TOGETHER = 8
+_RANDOM_SPREAD, _RANDOM_DRAWS = 2.0, 10
+"""Sums over so many steps that they would scatter by so much, in steps of the grid, were messages
+lost at random: ten of these lie within two of each other in one of thousands of streams."""
 _STEPS_S = sorted(
     {
         *(2.0**power for power in range(-9, 8)),
@@ -75,12 +80,24 @@ def _comes_regularly(counts: FloatArray, usual: float) -> bool:
     """Whether the longer steps are spread as evenly as rounding spreads them.
 
     An even stream that is rounded has as many steps of the grid in any eight of its own, give
-    or take one, and its rarer steps come at a period, give or take one. What is lost is lost at
+    or take one, and its rarer steps come at a period, give or take one. Where the stamps scattered
+    before they were rounded it may be two, but no more over however many. What is lost is lost at
     random.
     """
-    together = np.convolve(counts, np.ones(_TOGETHER), "valid")
-    low, high = np.quantile(together, [0.01, 0.99]) if together.size else (0.0, np.inf)
-    if (counts != usual).mean() > _VARYING_SHARE and high - low <= 1.0:
-        return True
-    apart = np.diff(np.flatnonzero(counts != usual))
+    others = counts != usual
+    share = float(others.mean())
+    if share > _VARYING_SHARE:
+        many = math.ceil((_RANDOM_SPREAD**2) / (share * (1.0 - share)))
+        beside = np.abs(counts - counts.mean()) < 1.0  # multiples on either side of the period
+        regular = (~beside).mean() <= _UNEVEN_SHARE and counts.size >= _RANDOM_DRAWS * many
+        if _varies_by(counts, _TOGETHER) <= 1.0 or (regular and _varies_by(counts, many) <= 2.0):
+            return True
+    apart = np.diff(np.flatnonzero(others))
     return bool(apart.size >= _TOGETHER and np.ptp(apart) <= 1)
+
+
+def _varies_by(counts: FloatArray, together: int) -> float:
+    """How far apart sums of so many neighbours are, but for the farthest."""
+    sums = np.convolve(counts, np.ones(together), "valid")
+    low, high = np.quantile(sums, [0.01, 0.99]) if sums.size else (0.0, np.inf)
+    return float(high - low)
