@@ -58,6 +58,24 @@ def test_speeds_along_the_axes_of_the_world_are_named() -> None:
     assert found.fault == "odometry_twist" and "in the frame of the odometry" in found.words
 
 
+@pytest.mark.parametrize(("every", "is_fault"), [(10, True), (400, False)])
+@pytest.mark.parametrize("axis", ["linear_m_s", "angular_rad_s"])
+def test_twists_that_leap_in_single_messages(axis: str, every: int, is_fault: bool) -> None:
+    """Right on average, and not for who integrates them."""
+
+    def leaping(odometry: RawOdometry) -> RawOdometry:
+        twists = getattr(odometry, axis).copy()
+        twists[::every, 0 if axis == "linear_m_s" else 2] -= 0.7
+        return replace(odometry, **{axis: twists})
+
+    made = robot().changed(RawOdometry, leaping)
+    found = twist_of(made)
+    assert (found.fault == "odometry_twist") == is_fault
+    if is_fault:
+        assert "% of its messages leap" in found.words
+        assert twist_of(apply_repairs(made, found.repairs)).verdict == "ok"
+
+
 @pytest.mark.parametrize("value", [0.0, np.nan])
 def test_messages_without_twists_are_no_fault(value: float) -> None:
     none = np.full_like(robot().odometries[0].linear_m_s, value)

@@ -12,6 +12,7 @@ from slamsim.check.findings import Curve, Finding, Measurement, Plot
 from slamsim.check.motion.planar_track import planar_track, track_at
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
 from slamsim.check.questions.wheels.counters import MOVED_M, MOVED_RAD
+from slamsim.core.quantiles import SIGMAS_PER_MEDIAN
 from slamsim.core.types import FloatArray
 from slamsim.guard.numbers import is_sound
 from slamsim.recording import RawOdometry
@@ -27,6 +28,13 @@ SAME_FRAME = 0.1
 """Of the motion: in the right frame most seconds differ by less."""
 CLEARLY = 4.0
 """So many times better a frame must explain the motion than the other one does."""
+LEAP, LEAP_SIGMAS = 0.3, 6.0
+"""In m/s or rad/s, and in scatters of the twists: no robot on wheels changes its speed by so much
+and back from one message to the next, least of all one whose poses do not."""
+BESIDE = 2
+"""Messages on either side that a leap is compared with."""
+MAX_LEAPS = 5e-3
+"""Of the messages: above what is lost or repeated now and then."""
 
 TWIST = Question(
     "odometry.twist",
@@ -57,7 +65,8 @@ GROUP = QuestionGroup("odometry", 62, (TWIST,), check_twist)
 @dataclass(frozen=True, slots=True, eq=False)
 class _Looks:
     """(k, 2) x and y in the robot's frame, m, and (k,) turn, rad, in a second: by the poses, and by
-    twists that are in the robot's frame, or in the world's."""
+    twists that are in the robot's frame, or in the world's. leaps: share of single messages whose
+    twist neither the others nor the poses know."""
 
     seconds: FloatArray
     moved: FloatArray
@@ -65,6 +74,7 @@ class _Looks:
     by_twist: FloatArray
     by_world_twist: FloatArray
     turned_by_twist: FloatArray
+    leaps: float
 
 
 def _twist(odometry: RawOdometry) -> Finding:
@@ -92,6 +102,10 @@ def _twist(odometry: RawOdometry) -> Finding:
         told.append(f"its turn rate is {1.0 + sizes[-1]:.4g} of that")
     if not told:
         return unanswered(TWIST, odometry.topic, "the robot moves for too few seconds")
+    size, limit = Measurement(100.0 * max(sizes, key=abs), 0.0, "%"), 100.0 * MAX_OFF
+    if abs(size.value) <= limit and looks.leaps > MAX_LEAPS:
+        size, limit = Measurement(100.0 * looks.leaps, 0.0, "%"), 100.0 * MAX_LEAPS
+        told.append(f"and {size.value:.3g} % of its messages leap away from those beside them")
     curves = (
         Curve("ahead (m/s)", looks.moved[:, 0], looks.by_twist[:, 0]),
         Curve("turn (rad/s)", looks.turned, looks.turned_by_twist),
@@ -100,7 +114,8 @@ def _twist(odometry: RawOdometry) -> Finding:
         TWIST,
         odometry.topic,
         ", ".join(told),
-        Measurement(100.0 * max(sizes, key=abs), 0.0, "%"),
+        size,
+        limit=limit,
         advice="Fill in metres and radians per second in the frame of child_frame_id, x ahead.",
         repairs=(Repair("twist_from_poses", odometry.topic),),
         fault_plots=(Plot(f"Twist of {odometry.topic}", "by the pose", "by the twist", curves),),
@@ -138,7 +153,24 @@ def _looks(odometry: RawOdometry) -> _Looks | None:
     # The chord of an arc is shorter than the arc, which speeds add up to.
     turned = np.diff(poses[:, 2])
     moved /= np.sinc(np.clip(turned, -np.pi, np.pi) / (2.0 * np.pi))[:, None]
-    return _Looks(edges_s[:-1], moved, turned, said[:, :2], said[:, 3:], said[:, 2])
+    leaps = _leaps(times_s, track, speeds)
+    return _Looks(edges_s[:-1], moved, turned, said[:, :2], said[:, 3:], said[:, 2], leaps)
+
+
+def _leaps(times_s: FloatArray, track: FloatArray, speeds: FloatArray) -> float:
+    """track: (n, 3), speeds: (n, 3), at times (n,)."""
+    around = 2 * BESIDE + 1
+    if len(speeds) < around:
+        return 0.0
+    gone = track[2:] - track[:-2]
+    by_pose = np.column_stack([rotated(gone[:, :2], -track[1:-1, 2]), gone[:, 2]])
+    by_pose /= (times_s[2:] - times_s[:-2])[:, None]
+    middle = slice(BESIDE, len(speeds) - BESIDE)
+    usual = np.median(np.lib.stride_tricks.sliding_window_view(speeds, around, axis=0), axis=-1)
+    off = np.abs(speeds[middle] - usual)
+    least = np.maximum(LEAP, LEAP_SIGMAS * SIGMAS_PER_MEDIAN * np.median(off, axis=0))
+    alone = np.abs(speeds[middle] - by_pose[BESIDE - 1 : 1 - BESIDE]) > least
+    return float(((off > least) & alone).any(axis=1).mean())
 
 
 def _means(values: FloatArray, times_s: FloatArray) -> FloatArray:
