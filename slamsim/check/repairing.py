@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 from slamsim.check.findings import CheckReport, Verdict
 from slamsim.check.map_quality.beam_ends import TOLERANCE_M, BeamEnds, Change, beam_ends, change
+from slamsim.check.questions.streams.gaps import GAPS
 from slamsim.check.wording import signed_words
 from slamsim.guard.errors import SlamsimError
 from slamsim.recording import Recording
@@ -189,6 +190,9 @@ def _objection(before: _State, after: _State) -> str:
     moved = change(before.ends, after.ends)
     new = _answered(after.report, "fault") - _answered(before.report, "fault")
     new &= _answered(before.report, "ok")
+    made = {target_of(repair) for repair in after.applied if repair not in before.applied}
+    # What is left out is missing: that is told, and better than what was wrong.
+    new -= {(GAPS.id, subject) for operation, subject, _ in made if operation.startswith("drop_")}
     if moved.worse:
         return f"it makes the scans fit worse, {_in_words(moved, before.ends)}"
     were, are = _named(before.report), _named(after.report)
@@ -196,7 +200,6 @@ def _objection(before: _State, after: _State) -> str:
         return (
             f"then {', '.join(sorted(f'{check} of {subject}' for check, subject in new))} is wrong"
         )
-    made = {target_of(repair) for repair in after.applied if repair not in before.applied}
     meant = _named(before.report, made) & are
     if moved.better or not meant:
         return ""

@@ -204,6 +204,28 @@ def test_what_is_not_gone_and_does_nothing_is_taken_back(clean: Recording) -> No
     assert not found.applied and "scan_interference is still there" in found.taken_back[0].reason
 
 
+def test_what_is_dropped_may_be_missing_from_then_on(clean: Recording) -> None:
+    """Scans that stood still for a while are worse than none."""
+    drop = Repair("drop_repeated_scans", "/scan")
+
+    def held(scans: RawScans) -> RawScans:
+        rows = np.arange(len(scans))
+        held = np.where((rows > 100) & (rows < 120), 100, rows)
+        return map_ranges(scans, lambda ranges_m: np.asarray(ranges_m)[held])
+
+    stuck = clean.changed(RawScans, held)
+
+    def check(recording: Recording) -> CheckReport:
+        if recording is not stuck:
+            missing = Finding("time.gaps", "/scan", "fault", "it is so", "stream_gaps")
+            return CheckReport(recording.name, (missing,))
+        one = Finding("ranges.stuck", "/scan", "fault", "it is so", "scan_stuck", repairs=(drop,))
+        return CheckReport(recording.name, (one, Finding("time.gaps", "/scan", "ok", "none")))
+
+    found = restored(stuck, "all", check)
+    assert found.applied == (drop,) and len(found.recording.scans[0]) == len(clean.scans[0]) - 19
+
+
 def test_back_and_forth_comes_to_an_end(clean: Recording) -> None:
     """A check that never has enough: its faults go, and come again elsewhere."""
     scaled = iter([2.0, 0.5, 2.0, 0.5, 2.0, 0.5, 2.0])

@@ -34,7 +34,9 @@ def repaired(
     )
     before_m, after_m, clean_m = (one.mean_m for one in (found.before, found.after, clean))
     placed = before_m is not None and after_m is not None
-    allowed_m = None if before_m is None else (1.0 + TOLERANCE) * before_m + TOLERANCE_M
+    # Scans that repeat lie on each other all too well: what is as good as clean is not worse.
+    least_m = None if before_m is None else max(before_m, clean_m or 0.0)
+    allowed_m = None if least_m is None else (1.0 + TOLERANCE) * least_m + TOLERANCE_M
     return {
         "applied": [asdict(one) for one in found.applied],
         "taken_back": [asdict(one) for one in found.taken_back],
