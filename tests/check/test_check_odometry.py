@@ -76,6 +76,22 @@ def test_twists_that_leap_in_single_messages(axis: str, every: int, is_fault: bo
         assert twist_of(apply_repairs(made, found.repairs)).verdict == "ok"
 
 
+def test_twists_of_coarse_counters_leap_as_their_poses_do() -> None:
+    """A centimetre of path a step, a hundred messages a second: 0 or 1 m/s of a robot with 0.3."""
+    stamps_ns = stamps(100.0, 30.0)
+    rolled_m = np.floor(30.0 * np.arange(stamps_ns.size) / 100.0) * 0.01
+    made = replace(
+        odometry_at(stamps_ns),
+        positions_m=np.column_stack([rolled_m, np.zeros((stamps_ns.size, 2))]),
+        quats_xyzw=np.tile([0.0, 0.0, 0.0, 1.0], (stamps_ns.size, 1)),
+        linear_m_s=np.column_stack(
+            [np.diff(rolled_m, prepend=0.0) * 100.0, np.zeros((stamps_ns.size, 2))]
+        ),
+        angular_rad_s=np.zeros((stamps_ns.size, 3)),
+    )
+    assert twist_of(robot().with_streams(RawOdometry, (made,))).verdict == "ok"
+
+
 @pytest.mark.parametrize("value", [0.0, np.nan])
 def test_messages_without_twists_are_no_fault(value: float) -> None:
     none = np.full_like(robot().odometries[0].linear_m_s, value)

@@ -162,15 +162,19 @@ def _leaps(times_s: FloatArray, track: FloatArray, speeds: FloatArray) -> float:
     around = 2 * BESIDE + 1
     if len(speeds) < around:
         return 0.0
-    gone = track[2:] - track[:-2]
-    by_pose = np.column_stack([rotated(gone[:, :2], -track[1:-1, 2]), gone[:, 2]])
-    by_pose /= (times_s[2:] - times_s[:-2])[:, None]
-    middle = slice(BESIDE, len(speeds) - BESIDE)
+    steps, midway = np.diff(track, axis=0), 0.5 * (track[1:, 2] + track[:-1, 2])
+    by_pose = np.column_stack([rotated(steps[:, :2], -midway), steps[:, 2]])
+    by_pose /= np.diff(times_s)[:, None]
+    inside = slice(BESIDE, len(speeds) - BESIDE)
     usual = np.median(np.lib.stride_tricks.sliding_window_view(speeds, around, axis=0), axis=-1)
-    off = np.abs(speeds[middle] - usual)
+    off = np.abs(speeds[inside] - usual)
+    # Counters with few steps a turn make leaps in poses as well, one step before or behind.
+    before, after = by_pose[BESIDE - 1 : -BESIDE], by_pose[BESIDE : 1 - BESIDE]
+    over = np.maximum(
+        np.minimum(before, after) - speeds[inside], speeds[inside] - np.maximum(before, after)
+    )
     least = np.maximum(LEAP, LEAP_SIGMAS * SIGMAS_PER_MEDIAN * np.median(off, axis=0))
-    alone = np.abs(speeds[middle] - by_pose[BESIDE - 1 : 1 - BESIDE]) > least
-    return float(((off > least) & alone).any(axis=1).mean())
+    return float(((off > least) & (over > least)).any(axis=1).mean())
 
 
 def _means(values: FloatArray, times_s: FloatArray) -> FloatArray:
