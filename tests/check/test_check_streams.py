@@ -146,6 +146,10 @@ def test_single_precision_is_named_as_such() -> None:
     found = stamp_findings(Recording("single", "memory", streams=(scans_at(single, None),)))
     words = [f.words for f in found if f.fault == "stamps_quantised"]
     assert words and "single precision" in words[0] and "128 s" in words[0]
+    tenths = np.asarray(stamps(8.0, 60.0, 1_700_000_000.0) // 100_000_000 * 100_000_000)
+    found = stamp_findings(Recording("tenths", "memory", streams=(scans_at(tenths, None),)))
+    words = [f.words for f in found if f.fault == "stamps_quantised"]
+    assert words and "single precision" not in words[0]
 
 
 @given(rate_hz=st.floats(1.0, 200.0), start=st.floats(0.0, 1e4), lost=st.floats(0.0, 0.1))

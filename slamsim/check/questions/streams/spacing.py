@@ -163,7 +163,8 @@ def _in_order(series: StampSeries) -> bool:
 def _rounding(series: StampSeries) -> Finding:
     step_s = rounding_step_s(series.steps_s)
     period_s = series.span_s / (len(series) - 1)
-    single = bool(np.abs(series.stamps_ns * 1e-9).max() * 2.0**-24 >= 0.5 * step_s)
+    coarsest_s = float(np.spacing(np.float32(np.abs(series.stamps_ns * 1e-9).max())))
+    single = step_s in (coarsest_s, 0.5 * coarsest_s)  # half of it while a power of two is passed
     cause = ": what is left of seconds in single precision" if single else ""
     return judge(
         ROUNDING,
