@@ -438,13 +438,16 @@ def test_scans_that_last_longer_than_their_period() -> None:
     assert _bad(found) == {"/scan": {"scans_overlap"}}
 
 
+@pytest.mark.parametrize("beam_s", [0.1, -0.1])
 @pytest.mark.parametrize(("every", "told"), [(10, {"scans_overlap"}), (150, set())])
-def test_some_scans_that_end_after_the_next_one_has(every: int, told: set[str]) -> None:
+def test_some_scans_that_end_after_the_next_one_has(
+    every: int, told: set[str], beam_s: float
+) -> None:
     """A few may: a driver measures how long a scan took from the start of its motor on."""
 
     def longer(scans: RawScans) -> RawScans:
         layout_of = np.where(np.arange(len(scans)) % every, 0, 1).astype(np.int32)
-        longest = replace(LAYOUT, beam_dt_s=0.1)
+        longest = replace(LAYOUT, beam_dt_s=beam_s)
         return replace(scans, layouts=(LAYOUT, longest), layout_of=layout_of)
 
     assert _bad(_with_scans(longer)).get("/scan", set()) == told

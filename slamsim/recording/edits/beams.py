@@ -245,9 +245,11 @@ def beam_counts(scans: RawScans) -> IntArray:
     return np.array([row.size for row in scans.ranges_m], dtype=np.int64)
 
 
-def scan_durations_ns(scans: RawScans) -> IntArray:
-    """(n,) from the first beam to the last as declared; 0 for a declaration that is no number."""
+def scan_durations_ns(scans: RawScans, *, either_way: bool = False) -> IntArray:
+    """(n,) from the first beam to the last as declared; 0 for a declaration that is no number, and
+    for beams that fire the last one first, unless either_way."""
     declared_s = np.array([layout.beam_dt_s for layout in scans.layouts])[scans.layout_of]
+    declared_s = np.abs(declared_s) if either_way else declared_s
     lasts_ns = declared_s * np.maximum(beam_counts(scans) - 1, 0) * 1e9
     lasts_ns = np.nan_to_num(lasts_ns, posinf=0.0, neginf=0.0)
     return np.asarray(np.clip(lasts_ns, 0.0, 1e12), dtype=np.int64)

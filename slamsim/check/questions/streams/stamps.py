@@ -29,6 +29,8 @@ from slamsim.check.questions.streams.spacing import (
     SPACING,
     check_spacing,
 )
+from slamsim.core.types import IntArray
+from slamsim.recording.edits.beams import scan_durations_ns
 from slamsim.recording.repairs.base import Repair
 
 MAX_OVERLAP = 0.02
@@ -63,11 +65,14 @@ def check_stamps(evidence: RecordingEvidence) -> list[Finding]:
     if not series:
         words = "the recording holds no stream with stamps"
         return [unanswered(ORDER, evidence.recording.name, words)]
+    lasts_ns = {
+        scans.topic: scan_durations_ns(scans, either_way=True) for scans in evidence.recording.scans
+    }
     findings = check_epochs(series)
     for stream in series:
         findings += check_spacing(stream)
         if stream.kind == "lidar":
-            findings.append(_overlap(stream))
+            findings.append(_overlap(stream, lasts_ns[stream.subject]))
     findings += [check_step(stream) for stream in series if stream.kind != "transform"]
     findings += check_invented(series)
     wrong = {finding.subject for finding in findings if finding.fault in _NO_INSTANTS}
@@ -95,18 +100,18 @@ GROUP = QuestionGroup(
 )
 
 
-def _overlap(series: StampSeries) -> Finding:
-    """One lidar begins a scan only when it has ended the one before."""
+def _overlap(series: StampSeries, lasts_ns: IntArray) -> Finding:
+    """One lidar begins a scan only when it has ended the one before. lasts_ns: (n,) of each."""
     steps_s = series.ordered_steps_s
     if not steps_s.size:
         return unanswered(OVERLAP, series.subject, "there are not two scans of different stamps")
-    lasts_s, step_s = float(np.median(series.lasts_ns)) * 1e-9, series.period_s
+    lasts_s, step_s = float(np.median(lasts_ns)) * 1e-9, series.period_s
     overlap_s = lasts_s - step_s
     # Jitter moves the next stamp by less than a period, or messages would change their order.
-    too_long = 1e-9 * series.lasts_ns[:-1] > step_s + np.maximum(series.steps_s, step_s)
+    too_long = 1e-9 * lasts_ns[:-1] > step_s + np.maximum(series.steps_s, step_s)
     some = overlap_s <= MIN_OVERLAP_S and bool(too_long.mean() > MOST_TOO_LONG)
     if some:
-        lasts_s = float(np.median(series.lasts_ns[:-1][too_long])) * 1e-9
+        lasts_s = float(np.median(lasts_ns[:-1][too_long])) * 1e-9
     which = f"{too_long.sum()} of {len(series):,} scans last" if some else "a scan lasts"
     curve = Curve("from one scan to the next", series.since_first_s[1:], series.steps_s)
     return judge(
