@@ -305,8 +305,8 @@ class ScanSurvey:
             ),
             (
                 has_beam_times and self._instantaneous,
-                "time_increment is 0: all beams of a scan count as one instant until scans show how "
-                "long a sweep takes",
+                "time_increment is 0: all beams of a scan count as one instant, until scans show "
+                "how long a sweep takes",
             ),
             (without, f"{without} scans declare no range_max"),
         ]
