@@ -13,15 +13,18 @@ import numpy as np
 import pytest
 from foxglove import Channel, Context, Schema, open_mcap
 from foxglove import messages as sent
+from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rosbags.highlevel import AnyReader
 
-from slamsim.guard.errors import InputRefused
+from slamsim.guard.errors import Excessive, InputRefused
 from slamsim.io.bag2.metadata import quality_of_service
 from slamsim.io.copy.recording import copy_recording
 from slamsim.io.open import read_recording
 from slamsim.io.ros.bag import open_bag
 from slamsim.io.ros.foxglove_schemas import translation
+from slamsim.io.ros.message_types import ros2_types
 from slamsim.recording import Recording
 
 NOW_NS = 1_700_000_000_000_000_000
@@ -122,11 +125,16 @@ def test_a_copy_is_one_of_ros_with_latched_mounts(tmp_path: Path) -> None:
     path = mcap_of(tmp_path / "a.mcap", drive())
     recording = read(path)
     (tmp_path / "copy").mkdir()
-    copy_recording(path, recording, recording, tmp_path / "copy")
+    told = copy_recording(path, recording, recording, tmp_path / "copy")
+    assert told.translated == ("/moving", "/odom", "/scan", "/tf") and not told.unchanged
     copied = read(tmp_path / "copy")
     np.testing.assert_array_equal(copied.scans[0].ranges_m[0], recording.scans[0].ranges_m[0])
     edges = {edge.name: (edge.topic, edge.is_static) for edge in copied.transforms}
     assert edges == {"base -> laser": ("/tf_static", True), "odom -> base": ("/moving", False)}
+    with AnyReader([tmp_path / "copy"]) as others:
+        sent_by = {one.topic: one.msgtype for one in others.connections}
+        assert all(others.deserialize(data, one.msgtype) for one, _, data in others.messages())
+    assert sent_by["/scan"] == "sensor_msgs/msg/LaserScan"
     with open_bag(tmp_path / "copy") as bag:
         assert all(each.encoding == "cdr" for each in bag.source.declarations.values())
         latched = [d for d in bag.source.declarations.values() if d.topic == "/tf_static"]
@@ -150,6 +158,82 @@ def test_what_has_no_place_in_ros_is_counted_and_the_rest_is_read(tmp_path: Path
     assert len(recording.scans[0]) == 1
     (anomaly,) = recording.anomalies
     assert "1 of 2 messages" in anomaly and "put that into a transform" in anomaly
+
+
+def test_what_has_no_place_in_ros_is_left_out_of_a_copy(tmp_path: Path) -> None:
+    moved = sent.Pose(position=sent.Vector3(x=0.1), orientation=sent.Quaternion(w=1.0))
+    path = mcap_of(tmp_path / "a.mcap", [("/scan", scan()), ("/scan", scan(moved))])
+    (tmp_path / "copy").mkdir()
+    told = copy_recording(path, read(path), read(path), tmp_path / "copy")
+    assert told.lost == ("1 messages of /scan",)
+    copied = read(tmp_path / "copy")
+    assert len(copied.scans[0]) == 1 and not copied.anomalies
+
+
+@pytest.mark.parametrize("quaternion", [(0.0, -1.0), (1e-8, 1.0), (0.0, 0.0)])
+def test_what_is_not_turned_but_for_rounding_stays(quaternion: tuple[float, float]) -> None:
+    x, w = quaternion
+    pose = sent.Pose(position=sent.Vector3(x=1e-9), orientation=sent.Quaternion(x=x, w=w))
+    fields = [sent.PackedElementField(name="x", offset=0)]
+    cloud = sent.PointCloud(
+        timestamp=STAMP, frame_id="a", pose=pose, point_stride=4, fields=fields, data=bytes(8)
+    )
+    laser: Any = translated(scan(pose))
+    assert (laser.angle_min, laser.angle_max) == pytest.approx((-0.3, 0.3))
+    assert translated(cloud).width == 2
+
+
+def translated(message: Any) -> Any:
+    schema = message.get_schema()
+    turn = translation(schema.name, "protobuf", schema.data)
+    assert turn is not None
+    return ros2_types().deserialize_cdr(turn.cdr(message.encode()), turn.type_name)
+
+
+def test_files_of_a_schema_may_come_in_any_order() -> None:
+    """Writers in C++ put the message first and what it is made of behind."""
+    files = FileDescriptorSet.FromString(sent.LaserScan.get_schema().data)
+    schema = FileDescriptorSet(file=list(files.file)[::-1]).SerializeToString()
+    turn = translation("foxglove.LaserScan", "protobuf", schema)
+    assert turn is not None and turn.cdr(scan().encode())
+
+
+def test_what_joints_and_odometry_leave_out_is_not_made_up() -> None:
+    joints = [sent.JointState(name="a", position=2.5), sent.JointState(name="b", velocity=1.0)]
+    found = translated(sent.JointStates(timestamp=STAMP, joints=joints))
+    np.testing.assert_array_equal(found.position, [2.5, np.nan])
+    np.testing.assert_array_equal(found.velocity, [np.nan, 1.0])
+    assert found.effort.size == 0
+    bare = {
+        "timestamp": {"sec": 1, "nsec": 0},
+        "frame_id": "odom",
+        "body_frame_id": "base",
+        "pose": JSON_SCAN["pose"],
+    }
+    turn = translation("foxglove.Odometry", "json", b"")
+    assert turn is not None
+    odometry: Any = ros2_types().deserialize_cdr(
+        turn.cdr(json.dumps(bare).encode()), turn.type_name
+    )
+    assert odometry.child_frame_id == "base" and odometry.twist.twist.linear.x == 0.0
+
+
+@pytest.mark.parametrize(
+    ("name", "encoding", "data"),
+    [
+        ("FrameTransforms", "protobuf", b"\x0a\x00" * 20_000),
+        ("JointStates", "protobuf", b"\x12\x00" * 20_000),
+        ("PointCloud", "protobuf", b"\x2a\x00" * 20_000),
+        ("FrameTransforms", "json", b'{"transforms": [' + b"{}," * 20_000 + b"{}]}"),
+    ],
+)
+def test_many_empty_parts_are_refused_before_they_are_read(
+    name: str, encoding: str, data: bytes
+) -> None:
+    turn = translation(f"foxglove.{name}", encoding, getattr(sent, name).get_schema().data)
+    assert turn is not None
+    with pytest.raises(Excessive, match="more than 10,000 parts"):
+        turn.cdr(data)
 
 
 def test_cameras_joints_and_clouds_become_messages_of_ros(tmp_path: Path) -> None:
@@ -284,6 +368,6 @@ def test_damaged_messages_raise_nothing_unforeseen(data: bytes, encoding: str) -
     try:
         turn.cdr(data)
     except Exception as error:
-        assert isinstance(error, (ValueError, TypeError, KeyError, RecursionError)) or (
+        assert isinstance(error, (ValueError, TypeError, KeyError, IndexError, RecursionError)) or (
             type(error).__name__ == "DecodeError"
         )

@@ -261,6 +261,44 @@ def test_scans_in_foxgloves_own_schemas_are_read() -> None:
     assert len(notices) == 1 and "messages of /wrong are left out" in notices[0]
 
 
+def test_each_channel_of_a_topic_has_a_schema_of_its_own() -> None:
+    """Of two publishers in different schemas one is subscribed to; what is advertised anew in
+    another encoding is read as that."""
+    mount = messages.FrameTransform(parent_frame_id="base", child_frame_id="laser")
+    many = messages.FrameTransforms(transforms=[mount])
+    schemas = {
+        kind: base64.b64encode(getattr(messages, kind).get_schema().data).decode()
+        for kind in ("FrameTransform", "FrameTransforms")
+    }
+    tf = "tf2_msgs/msg/TFMessage"
+    plain = cdr_of(tf, {"transforms": [{"child_frame_id": "camera"}]}, 1)
+    first = [
+        channel(1, "/tf", "protobuf", "foxglove.FrameTransforms", schemas["FrameTransforms"]),
+        channel(2, "/tf", "protobuf", "foxglove.FrameTransform", schemas["FrameTransform"]),
+    ]
+    anew = [channel(1, "/tf", "cdr", tf, described(tf)[1])]
+
+    def talk(connection: ServerConnection) -> None:
+        connection.send(json.dumps({"op": "serverInfo", "capabilities": []}))
+        connection.send(json.dumps({"op": "advertise", "channels": first}))
+        for payload in (many.encode(), plain):
+            asked = json.loads(connection.recv())["subscriptions"][0]
+            connection.send(struct.pack("<BIQ", 1, asked["id"], 9) + payload)
+            connection.send(json.dumps({"op": "unadvertise", "channelIds": [1, 2]}))
+            connection.send(json.dumps({"op": "advertise", "channels": anew}))
+        connection.recv()
+
+    notices: list[str] = []
+    with ExitStack() as opened:
+        url = opened.enter_context(scripted(talk, "foxglove.sdk.v1"))
+        with open_source(url, notices.append) as source:
+            source.subscribe(["/tf"])
+            arrived = [source.receive(TIMEOUT_S), source.receive(TIMEOUT_S)]
+    told = [plain_values(tf, one.data, ros1=False) for one in arrived if one is not None]
+    assert [each["transforms"][0]["child_frame_id"] for each in told] == ["laser", "camera"]
+    assert not [text for text in notices if "left out" in text]
+
+
 def test_messages_that_cannot_be_used_are_left_out_and_told_once() -> None:
     text = described("std_msgs/msg/String")[1]
     custom = "float64 strange\nfloat32[] ranges\n"

@@ -8,9 +8,10 @@ is encoded again: fields that a ``Recording`` does not hold, such as covariances
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +51,8 @@ class Copied:
     messages) of all others, byte for byte. restamped: (topic, stream) of topics that are not
     modelled and whose stamps were moved with those of the stream that they were made from.
     not_restamped: those with stamps that stayed, while stamps of others were changed. attached:
-    files that travel along in the copy. lost: what its format could not hold.
+    files that travel along in the copy. lost: what its format could not hold. translated: topics
+    that were not messages of ROS.
     """
 
     changed: tuple[str, ...] = ()
@@ -59,12 +61,15 @@ class Copied:
     not_restamped: tuple[str, ...] = ()
     attached: tuple[str, ...] = ()
     lost: tuple[str, ...] = ()
+    translated: tuple[str, ...] = ()
 
     def sentences(self) -> Iterator[str]:
         """What a user should know of it, one line each."""
         if self.unchanged:
             topics = ", ".join(topic for topic, _, _ in self.unchanged)
             yield f"Copied byte for byte: {topics}"
+        if self.translated:
+            yield f"Written as messages of ROS that say the same: {', '.join(self.translated)}"
         for topic, stream in self.restamped:
             yield f"Stamps of {topic} were moved with those of {stream}: it has the same stamps"
         if self.not_restamped:
@@ -123,7 +128,8 @@ class _Edits:
     """What changes in the messages of a bag, by topic.
 
     restamped: topics that are not modelled and whose stamps move. description: topic and text of
-    another robot description. infos: what changes in CameraInfo.
+    another robot description. infos: what changes in CameraInfo. untranslated: messages that are
+    left out.
     """
 
     bag: Bag
@@ -131,6 +137,7 @@ class _Edits:
     restamped: dict[str, StampMap]
     description: tuple[str, str] | None
     infos: dict[str, InfoChange]
+    untranslated: Counter[str] = field(default_factory=Counter)
 
     def counted(self, topics: Container[str] | None = None) -> Iterator[tuple[str, int, Message]]:
         """(topic, number of the message on it, message) of all messages, or of some topics."""
@@ -144,6 +151,9 @@ class _Edits:
     def in_place(self, topic: str, count: int, data: bytes) -> bytes | None:
         """A message as it is to be written where it stands; None where nothing is left of it."""
         types = self.bag.source.types
+        if self.bag.source.is_untranslated(topic, data):
+            self.untranslated[topic] += 1
+            return None
         if topic in self.plans:
             return self._as_planned(topic, self.plans[topic], count, data)
         if topic in self.restamped:
@@ -312,10 +322,13 @@ def _copied(edits: _Edits, edges: Sequence[TransformEdge], still: Sequence[str])
     changed = {*edits.plans, *edits.restamped, *edits.infos, *(edge.topic for edge in edges)}
     if edits.description is not None:
         changed.add(edits.description[0])
-    others = [c for c in edits.bag.channels if c.topic not in changed]
+    translated = edits.bag.source.translated
+    others = [c for c in edits.bag.channels if c.topic not in changed | translated]
     return Copied(
         changed=tuple(sorted(changed)),
         unchanged=tuple((c.topic, c.type_name, c.messages) for c in others),
         restamped=tuple((topic, each.topic) for topic, each in edits.restamped.items()),
         not_restamped=tuple(still),
+        lost=tuple(f"{n} messages of {topic}" for topic, n in edits.untranslated.items()),
+        translated=tuple(sorted(translated)),
     )

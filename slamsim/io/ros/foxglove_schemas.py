@@ -25,6 +25,10 @@ from slamsim.recording.schemas import TRANSFORMS
 _POINT_FIELDS = (0, 2, 1, 4, 3, 6, 5, 7, 8)
 """The number that sensor_msgs/PointField has for each of PackedElementField.NumericType."""
 
+_FIXED_BYTES = {1: 8, 5: 4}
+_ROUNDED = 1e-6
+"""Metres, or of a quaternion: what rounding to single precision leaves of nothing."""
+
 Values = dict[str, Any]
 
 
@@ -53,8 +57,10 @@ class Translation:
         type_name, values = _KINDS[self.schema_name]
         try:
             if self.encoding == "json":
+                _require_few(data.count(b"{"))
                 message = _parsed_json(data)
             else:
+                _require_few(_fields_in(data))
                 message = _message_class(self.schema_name, self.schema).FromString(data)
             return cdr_of(type_name, values(message), 0)
         except AttributeError as error:
@@ -75,18 +81,54 @@ def translation(schema_name: str, encoding: str, schema: bytes) -> Translation |
 @lru_cache(maxsize=64)
 def _message_class(schema_name: str, schema: bytes) -> Any:
     """schema: a FileDescriptorSet. Raises ValueError for one that does not hold the name."""
-    from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+    from google.protobuf import descriptor_pb2, message_factory
     from google.protobuf.message import DecodeError
 
     if len(schema) > LIMITS.bag_definition_characters:
         raise Excessive(f"a schema of {len(schema):,} bytes", "bag_definition_characters")
-    pool = descriptor_pool.DescriptorPool()
     try:
-        for file in descriptor_pb2.FileDescriptorSet.FromString(schema).file:
-            pool.Add(file)
-        return message_factory.GetMessageClass(pool.FindMessageTypeByName(schema_name))
+        files = descriptor_pb2.FileDescriptorSet.FromString(schema).file
+        return message_factory.GetMessages(list(files))[schema_name]  # in whatever order they are
     except (DecodeError, KeyError, TypeError) as error:
         raise ValueError(f"the schema of {schema_name} is damaged: {error}") from None
+
+
+def _require_few(parts: int) -> None:
+    """A part that takes two bytes in a message takes thousands once it is read."""
+    most = LIMITS.bag_array_elements
+    if parts > most:
+        raise Excessive(f"a message of more than {most:,} parts", "bag_array_elements")
+
+
+def _fields_in(data: bytes) -> int:
+    """How many fields of Protocol Buffers follow each other, counted until they are too many.
+
+    Raises ValueError for what is none, and IndexError where they are cut off.
+    """
+    at = count = 0
+    while at < len(data) and count <= LIMITS.bag_array_elements:
+        tag, at = _varint(data, at)
+        kind = tag & 7
+        if kind == 0:
+            _, at = _varint(data, at)
+        elif kind == 2:
+            size, at = _varint(data, at)
+            at += size
+        elif kind in _FIXED_BYTES:
+            at += _FIXED_BYTES[kind]
+        else:
+            raise ValueError("no message of Protocol Buffers")
+        count += 1
+    return count
+
+
+def _varint(data: bytes, at: int) -> tuple[int, int]:
+    """(number, where it ends)"""
+    value = shift = 0
+    while data[at] & 0x80:
+        value |= (data[at] & 0x7F) << shift
+        at, shift = at + 1, shift + 7
+    return value | data[at] << shift, at + 1
 
 
 def _parsed_json(data: bytes) -> Any:
@@ -118,14 +160,20 @@ def _floats(values: Any) -> Any:
     return np.array(values, dtype=np.float64)
 
 
+def _told(message: Any, name: str) -> Any:
+    """An optional field, None where it is left out."""
+    is_there = isinstance(message, SimpleNamespace) or message.HasField(name)
+    return getattr(message, name, None) if is_there else None
+
+
 def _yaw_rad(pose: Any) -> float:
     """By how much data are turned about z in their frame: no message of ROS has a place for more of
     a pose. Raises ValueError for more."""
     turned = _rotation(pose.orientation)
-    is_level = math.hypot(turned["x"], turned["y"]) < 1e-9
-    if any(_vector(pose.position).values()) or not is_level:
+    tilt = math.hypot(turned["x"], turned["y"])
+    if max(tilt, *(abs(each) for each in _vector(pose.position).values())) > _ROUNDED:
         raise ValueError("it has a pose in its frame; put that into a transform instead")
-    return 2.0 * math.atan2(turned["z"], turned["w"])
+    return math.remainder(2.0 * math.atan2(turned["z"], turned["w"]), 2.0 * math.pi)
 
 
 def _laser_scan(message: Any) -> Values:
@@ -146,13 +194,12 @@ def _laser_scan(message: Any) -> Values:
 
 def _odometry(message: Any) -> Values:
     pose: Values = {"pose": _pose(message.pose)}
-    linear, angular = _vector(message.linear_velocity), _vector(message.angular_velocity)
-    twist: Values = {"twist": {"linear": linear, "angular": angular}}
-    for values, covariance in (
-        (pose, message.pose_covariance),
-        (twist, message.velocity_covariance),
-    ):
-        if len(covariance):
+    speeds = (_told(message, f"{kind}_velocity") for kind in ("linear", "angular"))
+    told = zip(("linear", "angular"), speeds, strict=True)
+    twist: Values = {"twist": {name: _vector(speed) for name, speed in told if speed is not None}}
+    for values, name in ((pose, "pose"), (twist, "velocity")):
+        covariance = getattr(message, f"{name}_covariance", None)
+        if covariance is not None and len(covariance):
             values["covariance"] = _floats(covariance)
     return {
         "header": _header(message),
@@ -182,10 +229,14 @@ def _joints(message: Any) -> Values:
     return {
         "header": {"stamp": _time(message.timestamp)},
         "name": [each.name for each in joints],
-        "position": _floats([each.position for each in joints]),
-        "velocity": _floats([each.velocity for each in joints]),
-        "effort": _floats([each.effort for each in joints]),
+        **{name: _of_joints(joints, name) for name in ("position", "velocity", "effort")},
     }
+
+
+def _of_joints(joints: list[Any], name: str) -> Any:
+    """Empty where no joint tells it, as in ROS; nan of those that do not."""
+    values = [_told(each, name) for each in joints]
+    return _floats([] if all(value is None for value in values) else values)
 
 
 def _image(message: Any) -> Values:
@@ -209,7 +260,7 @@ def _camera_info(message: Any) -> Values:
 
 
 def _cloud(message: Any) -> Values:
-    if _yaw_rad(message.pose):
+    if abs(_yaw_rad(message.pose)) > _ROUNDED:
         raise ValueError("it is turned in its frame; put that into a transform instead")
     stride, data = message.point_stride, message.data
     size = len(base64.b64decode(data)) if isinstance(data, str) else len(data)

@@ -54,11 +54,13 @@ Received = tuple[int, int, int, int, bytes]
 class MessageSource(ABC):
     """The messages of a recording; raises whatever its library raises on damage.
 
-    declarations: by number. types: of all topics.
+    declarations: by number. types: of all topics. translated: topics whose messages are others
+    than those of the file.
     """
 
     def __init__(self) -> None:
         self.declarations: dict[int, Declaration] = {}
+        self.translated: set[str] = set()
         self.types = MessageTypes()
         self._counts: Counter[int] = Counter()
 
@@ -82,8 +84,12 @@ class MessageSource(ABC):
         return self.types.is_cdr(topic)
 
     def is_latched(self, topic: str) -> bool:
-        """Whether a transform of this topic holds until another one comes."""
-        return topic.endswith("tf_static")
+        """Whether a transform of this topic holds until another one comes: of Foxglove's all do."""
+        return topic in self.translated or topic.endswith("tf_static")
+
+    def is_untranslated(self, topic: str, data: bytes) -> bool:
+        """Whether this message could not be translated, and is as the file has it."""
+        return topic in self.translated and not data.startswith(CDR_LITTLE_ENDIAN)
 
 
 class McapSource(MessageSource):
@@ -109,6 +115,7 @@ class McapSource(MessageSource):
         encoding = channel.message_encoding
         if (translated := translation(name, encoding, definition)) is not None:
             self._translations[number] = translated
+            self.translated.add(channel.topic)
             name, encoding = translated.type_name, "cdr"
             written_as, definition = "ros2msg", described(name)[1].encode()
         self.declarations[number] = Declaration(
@@ -125,8 +132,8 @@ class McapSource(MessageSource):
 
     @property
     def profile(self) -> str:
-        """What the first file says that it follows, such as ``ros2``."""
-        return self._indexes[0].profile
+        """What the messages of the first file follow, such as ``ros2``."""
+        return "ros2" if self.translated else self._indexes[0].profile
 
     def metadata(self) -> list[records.Metadata]:
         """The metadata records of all files."""
@@ -144,24 +151,19 @@ class McapSource(MessageSource):
             for channel, log_ns, published_ns, sequence, data in mcap_messages(index, wanted):
                 number, encoding = wanted[channel], index.channels[channel].message_encoding
                 turn = self._translations.get(number)
-                plain = _turned(turn, data) if turn else plain_message(data, encoding)
+                plain = _translated(turn, data) if turn else plain_message(data, encoding)
                 yield number, log_ns, published_ns, sequence, plain
 
     def deserialize(self, topic: str, data: bytes) -> Any:
-        if data[: len(CDR_LITTLE_ENDIAN)] != CDR_LITTLE_ENDIAN:
+        if self.is_untranslated(topic, data):
             for number, turn in self._translations.items():
                 if self.declarations[number].topic == topic:
-                    data = turn.cdr(data)  # could not be turned before, and says why
+                    data = turn.cdr(data)  # says why it could not be translated
         return super().deserialize(topic, data)
 
-    def is_latched(self, topic: str) -> bool:
-        """Foxglove takes the latest transform before an instant, however old it is."""
-        translated = (self.declarations[number].topic for number in self._translations)
-        return topic in translated or super().is_latched(topic)
 
-
-def _turned(turn: Translation, data: bytes) -> bytes:
-    """A message that cannot be turned stays as it is, which is no CDR: it is found when it is
+def _translated(turn: Translation, data: bytes) -> bytes:
+    """A message that cannot be translated stays as it is, which is no CDR: it is found when it is
     decoded, and the others are read."""
     try:
         return turn.cdr(data)

@@ -13,6 +13,7 @@ import math
 import struct
 import time
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -52,9 +53,9 @@ class FoxgloveSource(LiveSource):
 
     def _greet(self, connection: ClientConnection) -> None:
         self._types = MessageTypes()
-        self._translations: dict[str, Translation] = {}
+        self._translations: dict[int, Translation] = {}
         self._channels: dict[int, TopicKind] = {}
-        self._subscribed: dict[int, TopicKind] = {}
+        self._subscribed: dict[int, int] = {}
         self._numbers = itertools.count()
         self._sent: dict[str, int] = {}
         self._encoding = ""
@@ -82,8 +83,8 @@ class FoxgloveSource(LiveSource):
             if not isinstance(number, int):
                 continue
             schema = text_of(channel, "schema")
-            if (turn := translation(kind, encoding, _binary(schema))) is not None:
-                self._translations[topic] = turn
+            if (turn := _translation(kind, encoding, schema)) is not None:
+                self._translations[number] = turn
                 self._channels[number] = TopicKind(topic, turn.type_name)
             if encoding not in _WRITTEN_AS:
                 continue
@@ -98,21 +99,22 @@ class FoxgloveSource(LiveSource):
     def _unadvertised(self, connection: ClientConnection, told: Mapping[str, Any]) -> None:
         numbers = told.get("channelIds")
         gone = numbers if isinstance(numbers, list) else []
-        for number in gone:
-            topic = self._channels.pop(number, None) if isinstance(number, int) else None
-            self._subscribed = {n: one for n, one in self._subscribed.items() if one is not topic}
+        for number in (each for each in gone if isinstance(each, int)):
+            self._channels.pop(number, None)
+            self._translations.pop(number, None)
+            self._subscribed = {n: one for n, one in self._subscribed.items() if one != number}
         self._changed(connection)
 
     def _changed(self, connection: ClientConnection) -> None:
         self._has_topics(connection, {one.name: one for one in self._channels.values()})
 
     def _ask_for(self, connection: ClientConnection, names: Iterable[str]) -> None:
-        wanted, asked = set(names), {one.name for one in self._subscribed.values()}
+        wanted, asked = set(names), {self._channels[one].name for one in self._subscribed.values()}
         requests = []
         for channel, topic in self._channels.items():
             if topic.name in wanted - asked:
                 number = next(self._numbers)
-                self._subscribed[number] = topic
+                self._subscribed[number] = channel
                 asked.add(topic.name)
                 requests.append({"id": number, "channelId": channel})
         if requests:
@@ -122,18 +124,17 @@ class FoxgloveSource(LiveSource):
         if len(frame) < _HEAD.size:
             raise WrongMessage(f"a message of {len(frame)} bytes is too short")
         _, number, _ = _HEAD.unpack_from(frame)
-        topic = self._subscribed.get(number)
-        if topic is None:
+        channel = self._subscribed.get(number)
+        if channel is None:
             return
-        data = frame[_HEAD.size :]
+        topic, data = self._channels[channel], frame[_HEAD.size :]
         try:
-            self._arrived(topic, self._cdr(topic, data))
+            turn = self._translations.get(channel)
+            self._arrived(topic, self._cdr(topic, data) if turn is None else turn.cdr(data))
         except Exception as error:  # of many types, for damage of any kind
             self._notice(f"messages of {topic.name} are left out: {reason_of(error)}")
 
     def _cdr(self, topic: TopicKind, data: bytes) -> bytes:
-        if (turn := self._translations.get(topic.name)) is not None:
-            return turn.cdr(data)
         message = self._types.deserialize(topic.name, data)
         as_it_is = self._types.is_cdr(topic.name)
         return data if as_it_is else cdr_of_message(topic.type_name, message)
@@ -160,12 +161,13 @@ class FoxgloveSource(LiveSource):
         }
 
 
-def _binary(schema: str) -> bytes:
+def _translation(schema_name: str, encoding: str, schema: str) -> Translation | None:
     """A schema that is no text comes in base64; what is none is no schema either."""
-    try:
-        return base64.b64decode(schema)
-    except ValueError:
-        return b""
+    binary = b""
+    if encoding == "protobuf":
+        with suppress(ValueError):
+            binary = base64.b64decode(schema)
+    return translation(schema_name, encoding, binary)
 
 
 def _publishing(told: Mapping[str, Any]) -> str:
