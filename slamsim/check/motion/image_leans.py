@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 from slamsim.cameras.lens import CameraModel
 from slamsim.cameras.survey import CameraSurvey
@@ -41,13 +42,16 @@ what moves with the camera: what surrounds the image circle of a fisheye lens, o
 border is as upright as anything, and never turns: with it leans of a fisheye's images scattered by
 18 degrees instead of 8, and a shutter of 0 ms measured as 154 with a sigma of 63."""
 _BLOCK_S, _FEWEST_BLOCKS = 2.0, 6
-"""Images of one view have the lean of that view in common: views count, not images."""
+"""Images of one view have the lean of that view in common: views count, not images. Straight on, a
+view lasts so long at most."""
 _LEAST_SCATTER_RAD = 1e-6
 _VARIED = 3.0
 """Times the scatter of all images is that of those in turns at most, each of which sees another
 view: along corridors it is 3.5 times. Beyond that most of a turn sees things that lean, such as a
 slanted pattern, by which 0 ms would be 190 and 370."""
 _ROUNDS = 15
+_STRAIGHT_RAD_S = 0.1
+"""Turns that are slower lean things by a shutter of 30 ms by 0.2 degrees."""
 _LEAST_SIGMA_S = 1e-4
 """A tenth of a pixel of lean at 1 rad/s in images of 1000 rows: no estimate is surer."""
 
@@ -187,11 +191,10 @@ def fit_readout(
     take longer than from one image to the next: what is seen in turns leans by itself. Below 0
     where rows are exposed from the foot of the image on. times_s: (n,) of the images.
     """
-    places = np.floor(times_s / _BLOCK_S).astype(np.int64)
-    _, block = np.unique(places, return_inverse=True)
+    block, turns = _views(times_s, rates_rad_s)
     count = int(block.max(initial=-1)) + 1
     A = np.column_stack([np.ones(leans_rad.size), rates_rad_s])
-    if count < _FEWEST_BLOCKS or not np.ptp(rates_rad_s) > 0.0:
+    if count < _FEWEST_BLOCKS or turns < 2 or not np.ptp(rates_rad_s) > 0.0:
         return None
     weight = np.ones(leans_rad.size)
     # Images of a robot that goes straight along a corridor all lean the same; by their scatter what
@@ -209,5 +212,32 @@ def fit_readout(
         return None
     scores = np.zeros((count, 2))
     np.add.at(scores, block, A * (weight * apart)[:, None])
-    covariance = inverse @ (scores.T @ scores) @ inverse * (count / (count - 2.0))
-    return float(values[1]), float(np.hypot(np.sqrt(covariance[1, 1]), _LEAST_SIGMA_S))
+    # The biweight of the scatter w = (1 - u^2)^2: what a change of the values does to the scores is
+    # less, (1 - u^2)(1 - 5 u^2), for those that it takes farther off count less.
+    root = np.sqrt(weight)
+    inverse = np.linalg.pinv((A * (root * (5.0 * root - 4.0))[:, None]).T @ A)
+    covariance = inverse @ (scores.T @ scores) @ inverse * (turns / (turns - 1.0))
+    sigma_s = float(np.sqrt(covariance[1, 1])) * float(stdtrit(turns - 1, 0.975)) / 1.96
+    # Of few turns the fit follows what each of them happens to lean: how far views scatter, turns
+    # or not, tells that better than what is left of them.
+    members = [np.flatnonzero(block == one) for one in range(count)]
+    view_rad = scatter(np.array([np.median(apart[of]) for of in members]), _LEAST_SCATTER_RAD)
+    view_rates = np.array([rates_rad_s[of].mean() for of in members])
+    by_views_s = view_rad / max(float(np.linalg.norm(view_rates - view_rates.mean())), 1e-9)
+    return float(values[1]), float(np.hypot(max(sigma_s, by_views_s), _LEAST_SIGMA_S))
+
+
+def _views(times_s: FloatArray, rates_rad_s: FloatArray) -> tuple[IntArray, int]:
+    """(n,) to which view each image belongs, from 0, and how many of these are turns.
+
+    A robot that goes round a thing has it on the same side all the while, and what of it leans does
+    so one way: a turn is one view, however long it lasts.
+    """
+    order = np.argsort(times_s)
+    at_s, way = times_s[order], np.sign(rates_rad_s[order])
+    way[np.abs(rates_rad_s[order]) < _STRAIGHT_RAD_S] = 0.0
+    goes_on = (way[1:] == way[:-1]) & (np.diff(at_s) < _BLOCK_S)
+    goes_on &= (way[1:] != 0.0) | (np.diff(np.floor(at_s / _BLOCK_S)) == 0.0)
+    view = np.concatenate([[0], np.cumsum(~goes_on)])[: len(at_s)]
+    turns = np.unique(view[way != 0.0]).size
+    return view[np.argsort(order)], turns
