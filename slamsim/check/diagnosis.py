@@ -38,6 +38,9 @@ FITTED = (*MOUNTING, "wheel_radius", "wheel_track", "range_scale")
 NOT_FITTED = ("imu.spikes", "imu.gravity", "imu.orientation", "imu.heading", "camera.")
 """Questions about what takes no part in that fit: accelerations, and cameras."""
 
+MOVES_NOTHING = "tf.slash"
+"""A name that tf2 does not look up is still the frame that is meant: what was measured is right."""
+
 LIDAR_QUESTIONS = ("laser.", "ranges.offset")
 
 BY_OTHERS = (
@@ -111,7 +114,11 @@ def _without_drift_of_none(findings: Sequence[Finding]) -> list[Finding]:
 
 def _without_cameras_beside(findings: Sequence[Finding]) -> list[Finding]:
     """What cameras are measured with, scans, odometry and gyroscope, must itself be right."""
-    others = [one for one in findings if one.fault and one.check.startswith(BESIDE_CAMERAS)]
+    others = [
+        one
+        for one in findings
+        if one.fault and one.check.startswith(BESIDE_CAMERAS) and one.check != MOVES_NOTHING
+    ]
     felt = [one for one in others if not _is_unfelt(one)]
     frames = [one for one in others if one.check.startswith("tf.")]
     depths = {one.subject for one in findings if one.check == "camera.depth_scale"}
@@ -154,7 +161,9 @@ def _causes(findings: Sequence[Finding]) -> list[Finding]:
     return [
         one
         for one in findings
-        if one.fault and one.fault != NO_CAUSE and not one.check.startswith(NOT_FITTED)
+        if one.fault
+        and one.fault != NO_CAUSE
+        and not one.check.startswith((*NOT_FITTED, MOVES_NOTHING))
     ]
 
 

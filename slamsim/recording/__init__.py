@@ -76,8 +76,8 @@ class RawStream(_OfSchema):
     frame_ids: the distinct frames that its messages name, in order of appearance. stamps_ns: (n,)
     as in the messages. received_ns: (n,) when the recorder received each, None if
     the format does not say. samples: (n,) number of each among all that the sensor took, None
-    where lost ones are not known. slashed: those of the frames that are written with a leading
-    slash. origin: the messages of a file that these were read from.
+    where lost ones are not known. slashed: those of the frames that messages of ROS 2 write with
+    a leading slash. origin: the messages of a file that these were read from.
     """
 
     topic: str

@@ -69,6 +69,20 @@ def test_sizes_are_not_told_where_wheels_and_scans_contradict_each_other_once_th
     assert names(misfit, mount, stuck) == {"laser_position", "imu_stuck"}
 
 
+def test_a_slash_before_a_name_hides_nothing() -> None:
+    slash = bad("tf.slash", "/scan", "frame_slash")
+    for other in (
+        bad("motion.fit", "/scan", "does_not_fit"),
+        bad("camera.turns", "/camera", "camera_flipped"),
+        bad("camera.pitch", "/camera", "camera_mount"),
+        bad("camera.depth_scale", "/depth", "camera_depth_scale"),
+    ):
+        assert names(slash, other) == {"frame_slash", other.fault}
+    mount = bad("laser.x", "laser", "laser_position")
+    misfit = bad("motion.wheels", "/odom", "does_not_fit")
+    assert names(slash, misfit, mount) == {"frame_slash", "does_not_fit"}
+
+
 def test_scans_that_turn_by_another_factor_than_all_others_tell_no_sizes() -> None:
     """Every second beam of a full circle, at the angle between all: half the turn, half the way."""
     folded = bad("laser.rotation", "/scan", "laser_angle_step")

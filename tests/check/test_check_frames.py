@@ -9,8 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from bag_data import ROS1, START_NS, Robot
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap.writer import Writer
 from recording_data import edge, recording, scans_at, stamps
 from scipy.spatial.transform import Rotation
 from test_check_inertial import robot
@@ -209,7 +211,6 @@ def test_names_with_a_leading_slash_are_told_of_ros_2_and_lose_it(tmp_path: Path
         ("frame_slash", "/scan"),
         ("frame_slash", "/odom"),
     ]
-    assert not list(check_slashes(RecordingEvidence(replace(read, format="rosbag1"))))
     fixed = apply_repairs(read, [repair for one in told for repair in one.repairs])
     assert not list(check_slashes(RecordingEvidence(fixed)))
     copy_recording(tmp_path / "slashed", read, fixed, tmp_path / "fixed")
@@ -217,3 +218,26 @@ def test_names_with_a_leading_slash_are_told_of_ros_2_and_lose_it(tmp_path: Path
     assert not list(check_slashes(RecordingEvidence(again)))
     named = [*again.scans[0].frame_ids, *again.odometries[0].frame_ids]
     assert [*named, *again.odometries[0].child_frame_ids] == ["laser", "odom", "base_link"]
+
+
+def test_a_slash_in_messages_of_ros_1_means_nothing_whatever_holds_them(tmp_path: Path) -> None:
+    message, kind = Robot(ROS1).scan(START_NS, frame="/laser"), "sensor_msgs/msg/LaserScan"
+    with (tmp_path / "a.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start(profile="ros1")
+        definition = ROS1.generate_msgdef(kind)[0].encode()
+        schema = writer.register_schema("sensor_msgs/LaserScan", "ros1msg", definition)
+        channel = writer.register_channel("/scan", "ros1", schema)
+        writer.add_message(channel, START_NS, bytes(ROS1.serialize_ros1(message, kind)), START_NS)
+        writer.finish()  # type: ignore[no-untyped-call]
+    read = read_recording(tmp_path / "a.mcap")
+    assert read.scans[0].frame_ids == ("laser",)
+    assert not list(check_slashes(RecordingEvidence(read)))
+
+
+def test_a_slash_alone_is_told_and_leaves_no_name_to_have(tmp_path: Path) -> None:
+    scans = replace(scans_at(stamps(10.0, 2.0)), frame_ids=("/",))
+    write_recording(recording(2.0).with_streams(type(scans), (scans,)), tmp_path / "slash")
+    read = read_recording(tmp_path / "slash")
+    (told,) = check_slashes(RecordingEvidence(read))
+    assert told.fault == "frame_slash" and not told.repairs

@@ -317,6 +317,13 @@ def json_mcap(path: Path, *texts: str, name: str = "foxglove.LaserScan") -> Path
     return path
 
 
+def test_a_slash_before_a_frame_means_nothing(tmp_path: Path) -> None:
+    """No tf2 reads it: that is of ROS 2."""
+    text = json.dumps(JSON_SCAN | {"frame_id": "/laser"})
+    scans = read(json_mcap(tmp_path / "a.mcap", text)).scans[0]
+    assert (scans.frame_ids, scans.slashed) == (("laser",), ())
+
+
 def test_json_is_read_as_well(tmp_path: Path) -> None:
     scans = read(json_mcap(tmp_path / "a.mcap", json.dumps(JSON_SCAN))).scans[0]
     assert scans.stamps_ns.tolist() == [NOW_NS + 5]

@@ -34,6 +34,7 @@ from slamsim.recording import (
     RawJoints,
     RawOdometry,
     RawScans,
+    RawStream,
     RecordedTopic,
     Recording,
     UnreadTopic,
@@ -245,7 +246,7 @@ def _assembled(bag: Bag, topics: Mapping[str, _Topic]) -> Recording:
     recording = Recording(
         name=recorded_name(bag.path),
         format=_format(bag.path),
-        streams=tuple(c.stream() for kind in KINDS for c in collectors if c.kind is kind),
+        streams=tuple(_stream(bag, c) for kind in KINDS for c in collectors if c.kind is kind),
         transforms=tuple(
             edge
             for c in collectors
@@ -259,6 +260,12 @@ def _assembled(bag: Bag, topics: Mapping[str, _Topic]) -> Recording:
         topics=recorded,
     )
     return replace(recording, epoch=_epoch(bag, recording))
+
+
+def _stream(bag: Bag, collector: Any) -> RawStream:
+    """Only in ROS 2 a leading slash means anything."""
+    stream: RawStream = collector.stream()
+    return stream if bag.source.is_ros2(stream.topic) else replace(stream, slashed=())
 
 
 def _epoch(bag: Bag, recording: Recording) -> Epoch:

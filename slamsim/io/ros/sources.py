@@ -83,6 +83,10 @@ class MessageSource(ABC):
         """Whether messages are serialised as ROS 2 does, with the standard definition."""
         return self.types.is_cdr(topic)
 
+    def is_ros2(self, topic: str) -> bool:
+        """Whether ROS 2 wrote its messages: not ROS 1, nor what is translated."""
+        return self.types.encoding(topic) == "cdr" and topic not in self.translated
+
     def is_latched(self, topic: str) -> bool:
         """Whether a transform of this topic holds until another one comes: of Foxglove's all do."""
         return topic in self.translated or topic.endswith("tf_static")

@@ -1,4 +1,4 @@
-"""Names of frames with a leading slash, as ROS 1 had them, in recordings of ROS 2."""
+"""Names of frames with a leading slash, as ROS 1 had them, in messages of ROS 2."""
 
 from __future__ import annotations
 
@@ -9,9 +9,6 @@ from slamsim.check.findings import Finding
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge
 from slamsim.recording import RawOdometry, RawStream
 from slamsim.recording.repairs.base import Repair
-
-ROS_2 = ("mcap", "rosbag2")
-"""Formats of recordings; with the transforms of ROS 1 the slash means nothing."""
 
 SLASH = Question(
     "tf.slash",
@@ -24,8 +21,7 @@ SLASH = Question(
 
 def check_slashes(evidence: RecordingEvidence) -> Iterator[Finding]:
     """Each stream that names some so. Transforms are none of them: tf2 strips theirs itself."""
-    recording = evidence.recording
-    for stream in recording.streams if recording.format in ROS_2 else ():
+    for stream in evidence.recording.streams:
         if stream.slashed:
             yield judge(
                 SLASH,
@@ -39,12 +35,12 @@ def check_slashes(evidence: RecordingEvidence) -> Iterator[Finding]:
 
 
 def _without(stream: RawStream) -> Iterator[Repair]:
-    """Where there is one name for all messages to have."""
+    """Where there is one name for all messages to have, which a slash alone is not."""
     named = [("rename_frame", stream.frame_ids)]
     if isinstance(stream, RawOdometry):
         named.append(("rename_child_frame", stream.child_frame_ids))
     for operation, frames in named:
-        if len(frames) == 1 and frames[0] in stream.slashed:
+        if len(frames) == 1 and frames[0] in stream.slashed and frames[0]:
             yield Repair(operation, stream.topic, {"frame": frames[0]})
 
 
