@@ -135,8 +135,24 @@ def test_a_late_stream_is_told_where_the_others_differ_by_what_is_healthy(stream
     imu_s, wheels_s = (late_s[one] - late_s["lidar"] for one in ("imu", "wheels"))
     between_s = {"gyro": imu_s, "wheel": wheels_s, "gyro_wheel": wheels_s - imu_s}
     wrong = {pair for pair, apart_s in between_s.items() if abs(apart_s) > LIMITS_S[pair]}
-    told = most_likely({pair: (apart_s, 1e-5) for pair, apart_s in between_s.items()}, wrong)
+    seen = {pair: (apart_s, 1e-5) for pair, apart_s in between_s.items()}
+    told = most_likely(seen, wrong, LIMITS_S)
     assert told == {stream: pytest.approx(0.05, abs=0.001)}
+    for lacking in seen:
+        fewer = {pair: one for pair, one in seen.items() if pair != lacking}
+        told = most_likely(fewer, wrong & set(fewer), LIMITS_S)
+        assert told == {stream: pytest.approx(0.05, abs=0.001)}
+
+
+@pytest.mark.parametrize("lacking", ["lidar_gyro", "lidar_wheels", "gyro_wheels"])
+def test_two_late_streams_are_not_told_as_one_where_a_pair_cannot_be_compared(lacking: str) -> None:
+    """Offsets that contradict each other are no stream's: each is told by itself."""
+    calibration = Robot(lidar_late_s=0.1, wheels_late_s=-0.2).calibrated()
+    shift = getattr(calibration.alignment, lacking)
+    unclear = replace(calibration.alignment, **{lacking: replace(shift, clear=False)})
+    findings = check_timing(replace(calibration, alignment=unclear))
+    told = [one for one in findings if one.fault]
+    assert [one.fault for one in told] == ["clocks_apart", "clocks_apart"]
 
 
 def rewired(ticks: RawTicks, by: list[list[int]]) -> RawTicks:

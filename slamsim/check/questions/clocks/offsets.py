@@ -137,7 +137,8 @@ def check_timing(calibration: Calibration) -> list[Finding]:
 def _late(calibration: Calibration, offsets: dict[str, Offset]) -> dict[str, float]:
     """The streams that are to blame, with how late each is; empty if none is, or nothing tells."""
     wrong = {pair for pair, one in offsets.items() if one.is_off}
-    late = most_likely({pair: (one.offset_s, one.sigma_s) for pair, one in offsets.items()}, wrong)
+    seen = {pair: (one.offset_s, one.sigma_s) for pair, one in offsets.items()}
+    late = most_likely(seen, wrong, LIMITS_S)
     if late or len(wrong) < len(PAIRS):
         return late
     # Two streams are late, any two. A lidar late by a sweep, or half of one, is no accident.
@@ -294,7 +295,8 @@ def _drift(calibration: Calibration, offsets: dict[str, Offset]) -> list[Finding
     """The stream whose clock drifts; where none can be told, the pairs that do."""
     drifts = {pair: one for pair, one in offsets.items() if one.drifts}
     seen = {pair: (one.drift, one.drift_sigma) for pair, one in offsets.items()}
-    drifting = {} if calibration.inputs.together else most_likely(seen, set(drifts))
+    limits = {pair: 1e-6 * one.drift_limit_ppm for pair, one in offsets.items()}
+    drifting = {} if calibration.inputs.together else most_likely(seen, set(drifts), limits)
     if drifting:
         return [
             _drifts(calibration, stream, rate, min(one.drift_sigma for one in _of(stream, offsets)))

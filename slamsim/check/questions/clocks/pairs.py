@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Set
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from slamsim.check.calibration.joint import Calibration
-from slamsim.check.findings import Measurement, decide
-from slamsim.core.types import FloatArray
+from slamsim.check.findings import SURE_SIGMAS, Measurement, decide
 
 LIMITS_S = {"gyro": 1e-3, "wheel": 1.5e-3, "gyro_wheel": 1.5e-3}
 """Offsets up to this are healthy: while the robot turns by 1 rad/s beams are off by a milliradian,
@@ -110,37 +109,41 @@ def _recorded_s(calibration: Calibration) -> tuple[float, float]:
 OTHERS = {"lidar": "gyro_wheel", "imu": "wheel", "wheels": "gyro"}
 """The pair that a stream has no part in."""
 
+_LATE = {
+    "lidar": {"gyro": -1.0, "wheel": -1.0, "gyro_wheel": 0.0},
+    "wheels": {"gyro": 0.0, "wheel": 1.0, "gyro_wheel": 1.0},
+    "imu": {"gyro": 1.0, "wheel": 0.0, "gyro_wheel": -1.0},
+}
+"""What a stream that is late by one makes of each pair. Of two streams alone the first is blamed:
+the messages of a lidar take longest to make."""
 
-def most_likely(differences: dict[str, tuple[float, float]], wrong: Set[str]) -> dict[str, float]:
+
+def most_likely(
+    differences: Mapping[str, tuple[float, float]], wrong: Set[str], limits: Mapping[str, float]
+) -> dict[str, float]:
     """How late the one stream is that explains the wrong pairs: by stream; empty if none does.
 
-    differences: by pair, value and sigma. wrong: pairs that are apart by more than healthy ones. A
-    stream is to blame where the two others agree. Of two streams alone the lidar is blamed, for its
-    messages take longest to make. Where all three pairs are wrong, two streams are, and any two of
-    them would explain it.
+    differences: by pair, value and sigma, of those that were compared. wrong: pairs that are apart
+    by more than healthy ones, which are by up to ``limits``. A stream is to blame where the two
+    others agree: if these were not compared, where it is as late against the one as against the
+    other. Where all three pairs are wrong, two streams are, and any two of them would explain it.
     """
-    if not wrong:
+    seen = [pair for pair in LIMITS_S if pair in differences][:2]  # the third follows from two
+    values, sigmas = np.array([differences[pair] for pair in seen]).reshape(-1, 2).T
+    healthy = np.array([limits[pair] for pair in seen]) + SURE_SIGMAS * sigmas
+    fits = {}
+    for name in _LATE if wrong else ():
+        by = np.array([_LATE[name][pair] for pair in seen])
+        if OTHERS[name] in wrong or not by.any():
+            continue
+        late = float((by * values / sigmas**2).sum() / (by**2 / sigmas**2).sum())
+        left = values - late * by
+        if OTHERS[name] in differences or (np.abs(left) <= healthy).all():
+            fits[name] = late, float(np.square(left / sigmas).sum())
+    if not fits:
         return {}
-    if "gyro" in differences and "wheel" in differences:
-        seen = np.array([differences["gyro"][0], differences["wheel"][0]])
-        sigmas = np.array([differences["gyro"][1], differences["wheel"][1]])
-        patterns = {"lidar": [-1.0, -1.0], "imu": [1.0, 0.0], "wheels": [0.0, 1.0]}
-        fits = {
-            name: _explained(np.array(by), seen, sigmas)
-            for name, by in patterns.items()
-            if OTHERS[name] not in wrong
-        }
-        name, (late, _) = min(fits.items(), key=lambda one: one[1][1], default=("", (0.0, 0.0)))
-        return {name: late} if name else {}
-    pair = next(pair for pair in LIMITS_S if pair in wrong)
-    value = differences[pair][0]
-    return {"wheels": value} if pair == "gyro_wheel" else {"lidar": -value}
-
-
-def _explained(by: FloatArray, seen: FloatArray, sigmas: FloatArray) -> tuple[float, float]:
-    """The size of one cause that fits best, and what it leaves, in squared sigmas."""
-    late = float((by * seen / sigmas**2).sum() / (by**2 / sigmas**2).sum())
-    return late, float((((seen - late * by) / sigmas) ** 2).sum())
+    best = min(fits, key=lambda name: fits[name][1])
+    return {best: fits[best][0]}
 
 
 def stream_of(pair: str) -> str:
