@@ -76,6 +76,28 @@ def test_twists_that_leap_in_single_messages(axis: str, every: int, is_fault: bo
         assert twist_of(apply_repairs(made, found.repairs)).verdict == "ok"
 
 
+@pytest.mark.parametrize("stands", [0.0, 0.3, 0.6])
+def test_twists_of_a_robot_that_shakes_and_often_stands(stands: float) -> None:
+    """Its yaw rate scatters by 0.3 rad/s within 20 ms where it drives, and not where it stands."""
+    at_s = np.arange(0.0, 300.0, 1e-3)
+    drives = (at_s % 50.0) >= 50.0 * stands
+    shaken = np.random.default_rng(0).standard_normal(at_s.size)
+    shaken = 0.3 * np.convolve(shaken, np.full(20, 20**-0.5), "same")
+    speed, turn = 0.4 * drives, (0.2 * np.sin(0.5 * at_s) + shaken) * drives
+    yaw = np.cumsum(turn) * 1e-3
+    x_m, y_m = (np.cumsum(speed * along(yaw)) * 1e-3 for along in (np.cos, np.sin))
+    rows = np.arange(0, at_s.size, 50)
+    none = np.zeros(rows.size)
+    made = replace(
+        odometry_at(100 * 10**9 + rows * 1_000_000),
+        positions_m=np.column_stack([x_m[rows], y_m[rows], none]),
+        quats_xyzw=xyzw_from_yaw(yaw[rows]),
+        linear_m_s=np.column_stack([speed[rows], none, none]),
+        angular_rad_s=np.column_stack([none, none, turn[rows]]),
+    )
+    assert twist_of(robot().with_streams(RawOdometry, (made,))).verdict == "ok"
+
+
 def test_twists_of_coarse_counters_leap_as_their_poses_do() -> None:
     """A centimetre of path a step, a hundred messages a second: 0 or 1 m/s of a robot with 0.3."""
     stamps_ns = stamps(100.0, 30.0)

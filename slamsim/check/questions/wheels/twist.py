@@ -34,7 +34,7 @@ and back from one message to the next, least of all one whose poses do not."""
 BESIDE = 2
 """Messages on either side that a leap is compared with."""
 MAX_LEAPS = 5e-3
-"""Of the messages: above what is lost or repeated now and then."""
+"""Of the messages in which the robot moves: above what is lost or repeated now and then."""
 
 TWIST = Question(
     "odometry.twist",
@@ -65,8 +65,8 @@ GROUP = QuestionGroup("odometry", 62, (TWIST,), check_twist)
 @dataclass(frozen=True, slots=True, eq=False)
 class _Looks:
     """(k, 2) x and y in the robot's frame, m, and (k,) turn, rad, in a second: by the poses, and by
-    twists that are in the robot's frame, or in the world's. leaps: share of single messages whose
-    twist neither the others nor the poses know."""
+    twists that are in the robot's frame, or in the world's. leaps: share of single messages, of
+    those in which the robot moves, whose twist neither the others nor the poses know."""
 
     seconds: FloatArray
     moved: FloatArray
@@ -173,8 +173,15 @@ def _leaps(times_s: FloatArray, track: FloatArray, speeds: FloatArray) -> float:
     over = np.maximum(
         np.minimum(before, after) - speeds[inside], speeds[inside] - np.maximum(before, after)
     )
-    least = np.maximum(LEAP, LEAP_SIGMAS * SIGMAS_PER_MEDIAN * np.median(off, axis=0))
-    return float(((off > least) & (over > least)).any(axis=1).mean())
+    # Twists of a robot that stands do not scatter, and say nothing of those of one that moves.
+    across = track[2 * BESIDE :] - track[: -2 * BESIDE]
+    lasts_s = (times_s[2 * BESIDE :] - times_s[: -2 * BESIDE]) / LOOK_S
+    moves = np.linalg.norm(across[:, :2], axis=1) > MOVED_M * lasts_s
+    moves |= np.abs(across[:, 2]) > MOVED_RAD * lasts_s
+    if not moves.any():
+        return 0.0
+    least = np.maximum(LEAP, LEAP_SIGMAS * SIGMAS_PER_MEDIAN * np.median(off[moves], axis=0))
+    return float(((off > least) & (over > least)).any(axis=1)[moves].mean())
 
 
 def _means(values: FloatArray, times_s: FloatArray) -> FloatArray:
