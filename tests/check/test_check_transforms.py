@@ -97,6 +97,15 @@ def test_an_unknown_child_of_odometry_is_the_frame_that_moves_below_it() -> None
     assert [one.parameters["frame"] for one in told.repairs] == ["base_footprint"]
 
 
+def test_an_unknown_child_is_not_the_frame_that_another_odometry_gives() -> None:
+    """A tracking camera has a frame of its own."""
+    made = sound()
+    tracked = replace(made.odometries[0], topic="/track", child_frame_ids=("t265_pose_frame",))
+    made = made.with_streams(RawOdometry, (*made.odometries, tracked))
+    (told,) = [one for one in frame_findings(made) if one.fault == "tf_unknown_frame"]
+    assert told.subject == "/track" and not told.repairs
+
+
 def test_a_whole_tree_is_sound() -> None:
     assert not bad(sound())
     assert {finding.check for finding in frame_findings(sound())} == {

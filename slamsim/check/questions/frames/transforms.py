@@ -237,7 +237,18 @@ def _odometry_children(recording: Recording, graph: FrameGraph) -> Iterator[Find
     for odometry in recording.odometries if recording.format != "carmen" else ():
         for frame in odometry.child_frame_ids:
             if frame and frame not in graph and frame not in links:
-                moved = [e.child for e in recording.transforms if e.parent in odometry.frame_ids]
+                # What another odometry gives is its frame, unless the names are alike.
+                given = {
+                    child
+                    for other in recording.odometries
+                    if other is not odometry
+                    for child in other.child_frame_ids
+                }
+                moved = [
+                    edge.child
+                    for edge in recording.transforms
+                    if edge.parent in odometry.frame_ids and edge.child not in given
+                ]
                 nearest = nearest_name(frame, moved, 0.0) or graph.nearest(frame)
                 yield judge(
                     FRAMES,
