@@ -29,6 +29,9 @@ from slamsim.recording.repairs.apply import (
 )
 from slamsim.recording.repairs.base import Repair
 
+DROPS_MESSAGES = ("drop_repeated_scans", "drop_broken_readings", "drop_broken_poses")
+"""Operations that leave out messages of streams whose gaps are counted."""
+
 Check = Callable[[Recording], CheckReport]
 
 _ROUNDS = 5
@@ -192,7 +195,7 @@ def _objection(before: _State, after: _State) -> str:
     new &= _answered(before.report, "ok")
     made = {target_of(repair) for repair in after.applied if repair not in before.applied}
     # What is left out is missing: that is told, and better than what was wrong.
-    new -= {(GAPS.id, subject) for operation, subject, _ in made if operation.startswith("drop_")}
+    new -= {(GAPS.id, subject) for operation, subject, _ in made if operation in DROPS_MESSAGES}
     if moved.worse:
         return f"it makes the scans fit worse, {_in_words(moved, before.ends)}"
     were, are = _named(before.report), _named(after.report)

@@ -226,6 +226,23 @@ def test_what_is_dropped_may_be_missing_from_then_on(clean: Recording) -> None:
     assert found.applied == (drop,) and len(found.recording.scans[0]) == len(clean.scans[0]) - 19
 
 
+def test_what_leaves_out_no_message_may_not_make_messages_missing(clean: Recording) -> None:
+    (topic,) = (imu.topic for imu in clean.imus)
+    drop = Repair("drop_orientation", topic)
+
+    def check(recording: Recording) -> CheckReport:
+        if recording is not clean:
+            missing = Finding("time.gaps", topic, "fault", "it is so", "stream_gaps")
+            return CheckReport(recording.name, (missing,))
+        one = Finding(
+            "imu.orientation", topic, "fault", "it is so", "imu_orientation", repairs=(drop,)
+        )
+        return CheckReport(recording.name, (one, Finding("time.gaps", topic, "ok", "none")))
+
+    found = restored(clean, "all", check)
+    assert not found.applied and f"time.gaps of {topic}" in found.taken_back[0].reason
+
+
 def test_back_and_forth_comes_to_an_end(clean: Recording) -> None:
     """A check that never has enough: its faults go, and come again elsewhere."""
     scaled = iter([2.0, 0.5, 2.0, 0.5, 2.0, 0.5, 2.0])
