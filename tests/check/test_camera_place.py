@@ -768,6 +768,13 @@ def test_images_that_turn_against_the_robot_are_told_as_such(delay_s: float, row
     assert found["camera.time_offset"].verdict == "inconclusive"
 
 
+@pytest.mark.parametrize("delay_s", [2.2, 2.4])
+def test_a_camera_that_is_later_than_is_searched_is_not_told_as_flipped(delay_s: float) -> None:
+    """Nearly half a period of how the robot weaves, when it turned the other way."""
+    evidence = RecordingEvidence(turning_recording(turning_images(delay_s, 0.0, 1.0)))
+    assert {one.verdict for one in check_turns(evidence)} == {"inconclusive"}
+
+
 def seen_by_frame(camera: CameraSurvey, R_base_camera: FloatArray) -> Finding:
     """What is asked of the axes of the frame in which images are stamped."""
     edge = TransformEdge(

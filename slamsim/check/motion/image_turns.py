@@ -34,6 +34,9 @@ _THERE_AND_BACK_PX = 0.3
 _WIDEST_S = 0.25
 """Beyond which too little of an image is in the next one."""
 _SEARCHED_S, _SEARCH_STEP_S = 1.0, 0.01
+_LATEST_S = 10.0
+"""Images that are late by more than is searched, up to this, are not taken for flipped ones: what
+cameras and players buffer may be some seconds."""
 _PLAINLY = 0.5
 """Of what is left of turns one way: what may be left of them the other way, to be told as such."""
 _REACH_PX = 7
@@ -255,8 +258,10 @@ class _Table:
     leans_rad: FloatArray
 
     def fitted(self) -> TurnFit | None:
-        delay_s, gain = self._coarse()
-        values = np.array([delay_s, gain, 0.0, _READOUT_S])
+        coarse = self._coarse()
+        if coarse is None:
+            return None
+        values = np.array([*coarse, 0.0, _READOUT_S])
         for _ in range(_ROUNDS):
             readout = self._readout(values)
             believed_s, sigma_s = _believed(readout)
@@ -311,19 +316,33 @@ class _Table:
         prior = inverse[:, 3:] * scatter(weighed, _LEAST_SCATTER_RAD) ** 2 / sigma_s
         return np.asarray(found + prior @ prior.T)
 
-    def _coarse(self) -> tuple[float, float]:
+    def _coarse(self) -> tuple[float, float] | None:
         """The delay with which turns are most alike, and the gain: -2 of images that are upside
-        down or mirrored, and so turn the other way."""
+        down or mirrored, and so turn the other way. None where they may as well be late."""
         delays = np.arange(-_SEARCHED_S, _SEARCHED_S + 1e-6, _SEARCH_STEP_S)
         told = [self._told(delay + 0.5 * _READOUT_S) for delay in delays]
         same, against = (
             np.array([np.median(np.abs(self.turned_rad - sign * each)) for each in told])
             for sign in (1.0, -1.0)
         )
-        # A robot that weaves evenly turns the other way half a period later.
         if against.min() < _PLAINLY * same.min():
-            return float(delays[int(np.argmin(against))]), -2.0
+            best = int(np.argmin(against))
+            late = self._is_rather_late(np.abs(self.turned_rad + told[best]))
+            return None if late else (float(delays[best]), -2.0)
         return float(delays[int(np.argmin(same))]), 0.0
+
+    def _is_rather_late(self, against_rad: FloatArray) -> bool:
+        """Whether turns the same way, farther off than is searched, leave not plainly more than
+        those against (n,): a robot that weaves turns the other way half a period later."""
+        for delay_s in np.arange(-_LATEST_S, _LATEST_S + 1e-6, _SEARCH_STEP_S).tolist():
+            shift_s = delay_s + 0.5 * _READOUT_S
+            known = self.other.covers(self.first_s - shift_s, self.second_s - shift_s)
+            if 2 * int(known.sum()) < known.size:
+                continue
+            same_rad = np.abs(self.turned_rad - self._told(shift_s))[known]
+            if np.median(against_rad[known]) >= _PLAINLY * np.median(same_rad):
+                return True
+        return False
 
     def _told(self, delay_s: float) -> FloatArray:
         return self._turned(self.second_s - delay_s) - self._turned(self.first_s - delay_s)
