@@ -211,8 +211,8 @@ def test_the_faults_cover_every_kind_and_nearly_every_name() -> None:
     # test_check_odometry.py, and in tests/independent, for it takes two drives.
     elsewhere = {"odometry_unsigned", "ranges_coarse", "range_noise", "odometry_coarse"}
     elsewhere |= {"does_not_fit"}
-    # Tried in test_check_timing.py, for it takes two faults, in test_check_frames.py, for a recording
-    # has names without their slash, and in test_camera_place.py, with images that turn as they do.
+    # Tried in test_check_timing.py, for it takes two faults, in test_check_frames.py, for
+    # recordings hold names without their slash, and in test_camera_place.py, with made-up images.
     elsewhere |= {"clocks_apart", "frame_slash", "camera_flipped"}
     assert untried <= {"urdf_balance", CHECKER_ERROR.name} | elsewhere, (
         "a name that no fault tries cannot be relied on"
