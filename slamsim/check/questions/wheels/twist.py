@@ -180,7 +180,10 @@ def _leaps(times_s: FloatArray, track: FloatArray, speeds: FloatArray) -> float:
     moves |= np.abs(across[:, 2]) > MOVED_RAD * lasts_s
     if not moves.any():
         return 0.0
-    least = np.maximum(LEAP, LEAP_SIGMAS * SIGMAS_PER_MEDIAN * np.median(off[moves], axis=0))
+    # Lengths may be millimetres: a leap is as large a share of the robot's speed as well.
+    fast = max(1.0, float(np.quantile(np.hypot(speeds[:, 0], speeds[:, 1]), 0.95)))
+    scatter = LEAP_SIGMAS * SIGMAS_PER_MEDIAN * np.median(off[moves], axis=0)
+    least = np.maximum(LEAP * np.array([fast, fast, 1.0]), scatter)
     return float(((off > least) & (over > least)).any(axis=1)[moves].mean())
 
 
