@@ -236,6 +236,13 @@ def test_many_empty_parts_are_refused_before_they_are_read(
         turn.cdr(data)
 
 
+def test_a_number_without_end_is_none() -> None:
+    turn = translation("foxglove.LaserScan", "protobuf", sent.LaserScan.get_schema().data)
+    assert turn is not None
+    with pytest.raises(ValueError, match="no message of Protocol Buffers"):
+        turn.cdr(b"\xff" * 2_000_000)
+
+
 def test_cameras_joints_and_clouds_become_messages_of_ros(tmp_path: Path) -> None:
     kind = sent.PackedElementFieldNumericType
     fields = [

@@ -25,7 +25,7 @@ from slamsim.recording.schemas import TRANSFORMS
 _POINT_FIELDS = (0, 2, 1, 4, 3, 6, 5, 7, 8)
 """The number that sensor_msgs/PointField has for each of PackedElementField.NumericType."""
 
-_FIXED_BYTES = {1: 8, 5: 4}
+_FIXED_BYTES, _MOST_BITS = {1: 8, 5: 4}, 64
 _ROUNDED = 1e-6
 """Metres, or of a quaternion: what rounding to single precision leaves of nothing."""
 
@@ -128,6 +128,8 @@ def _varint(data: bytes, at: int) -> tuple[int, int]:
     while data[at] & 0x80:
         value |= (data[at] & 0x7F) << shift
         at, shift = at + 1, shift + 7
+        if shift > _MOST_BITS:  # or a number of millions of digits would be made, digit by digit
+            raise ValueError("no message of Protocol Buffers")
     return value | data[at] << shift, at + 1
 
 
@@ -194,9 +196,9 @@ def _laser_scan(message: Any) -> Values:
 
 def _odometry(message: Any) -> Values:
     pose: Values = {"pose": _pose(message.pose)}
-    speeds = (_told(message, f"{kind}_velocity") for kind in ("linear", "angular"))
-    told = zip(("linear", "angular"), speeds, strict=True)
-    twist: Values = {"twist": {name: _vector(speed) for name, speed in told if speed is not None}}
+    speeds = {kind: _told(message, f"{kind}_velocity") for kind in ("linear", "angular")}
+    told = {kind: _vector(speed) for kind, speed in speeds.items() if speed is not None}
+    twist: Values = {"twist": told}
     for values, name in ((pose, "pose"), (twist, "velocity")):
         covariance = getattr(message, f"{name}_covariance", None)
         if covariance is not None and len(covariance):
