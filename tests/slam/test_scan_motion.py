@@ -8,10 +8,20 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scan_recording import LIDAR, healthy, scan_motions, truth, with_layout, with_ranges
+from scan_recording import (
+    LIDAR,
+    healthy,
+    raw_scans,
+    scan_motions,
+    truth,
+    with_layout,
+    with_ranges,
+    world,
+)
+from simulated import drive, sense_scans
 
 from slamsim.core.geometry import between, compose
-from slamsim.core.types import FloatArray
+from slamsim.core.types import FloatArray, PlanarTrajectory, ScanGeometry
 from slamsim.guard.numbers import require_covariances
 from slamsim.models.line_bundle import fit_lines
 from slamsim.recording import RawScans
@@ -102,6 +112,21 @@ def test_an_angle_that_is_far_off_is_found(share: float, count: int) -> None:
     )
     found = scan_motions(first(wide.scans[0], count)).angle_step.value
     assert found == pytest.approx(1.0 / share, abs=0.005)
+
+
+SLOW = ScanGeometry(-np.pi, np.deg2rad(1.0), 360, 555_000, 0.05, 12.0)
+"""Five turns a second, a beam for each degree."""
+
+
+def test_a_slow_sweep_that_runs_backward_is_found_on_a_lively_drive() -> None:
+    walls, waypoints = world()
+    path = drive(waypoints, max_s=40.0)
+    twice_as_fast = PlanarTrajectory(path.stamps_ns // 2, path.poses)
+    scans = raw_scans(sense_scans(walls, twice_as_fast, SLOW, 0.01, 1, 200_000_000))
+    layout = scans.layouts[0]
+    backward = replace(layout, beam_dt_s=-layout.beam_dt_s)
+    found = scan_motions(replace(scans, layouts=(backward,))).sweep_s
+    assert found.value == pytest.approx(-found.declared, rel=0.02)
 
 
 def broken(scans: RawScans, rng: np.random.Generator, kind: str) -> RawScans:

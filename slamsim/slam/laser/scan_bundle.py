@@ -180,6 +180,11 @@ def fit_window(track: LaserTrack, shape: Shape, poses: FloatArray | None = None)
     return replace(fit, poses=poses)
 
 
+def refit_windows(tracks: list[LaserTrack], fits: list[WindowFit], shape: Shape) -> list[WindowFit]:
+    """All windows with another shape, begun from where they are."""
+    return [fit_window(t, shape, fit.poses) for t, fit in zip(tracks, fits, strict=True)]
+
+
 def _shared(track: LaserTrack, poses: FloatArray, shape: Shape, gate_m: float) -> Shared:
     """Which pieces are of one surface, as seen from the middle of each sweep."""
     motion = local_motion(poses, track.elapsed_s)

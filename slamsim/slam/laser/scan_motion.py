@@ -21,9 +21,10 @@ from slamsim.slam.laser.scan_bundle import (
     ShapePull,
     WindowFit,
     fit_window,
+    refit_windows,
 )
 from slamsim.slam.laser.scan_equations import POSE, SHAPES
-from slamsim.slam.laser.scan_scale import rough_angle_scale
+from slamsim.slam.laser.scan_scale import rough_angle_scale, rough_sweep_s
 from slamsim.slam.laser.scan_sweep import local_motion, velocity_weights
 from slamsim.slam.laser.scan_track import LaserTrack, track_window
 from slamsim.slam.laser.scan_windows import period_s
@@ -204,7 +205,12 @@ def _tracked(scans: RawScans, reader: BeamReader, windows: list[IntArray]) -> li
 
 def _as_declared(tracks: list[LaserTrack], reader: BeamReader) -> list[WindowFit]:
     """All windows bundled with the shape of the scans as it is declared."""
-    return [fit_window(track, Shape(reader.declared_sweep_s, 1.0, 0.0)) for track in tracks]
+    return _bundled(tracks, Shape(reader.declared_sweep_s, 1.0, 0.0))
+
+
+def _bundled(tracks: list[LaserTrack], shape: Shape) -> list[WindowFit]:
+    """All windows, begun from where scan after scan was laid."""
+    return [fit_window(track, shape) for track in tracks]
 
 
 def _fit(
@@ -215,9 +221,13 @@ def _fit(
     Numbers become unknowns one after the other, what is contradicted most first: seen with an
     offset of 3 cm, angles that are right look 0.3 % wrong, 3.4 sigmas.
     """
-    shape = declared = Shape(reader.declared_sweep_s, 1.0, 0.0)
+    declared = Shape(reader.declared_sweep_s, 1.0, 0.0)
     expected = Shape(*(declared.numbers + bias.numbers).tolist())
-    pull, free = ShapePull.of(fits), np.zeros(SHAPES, dtype=np.bool_)
+    shape = replace(declared, sweep_s=rough_sweep_s(tracks, fits, declared.sweep_s))
+    free = shape.numbers != declared.numbers
+    if free.any():
+        fits = _bundled(tracks, shape)
+    pull = ShapePull.of(fits)
     for _ in range(MAX_PASSES):
         unmodelled = np.hypot(_unmodelled(shape, reader, pull, (tracks, fits)), bias.sigmas)
         doubts = np.where(free, 0.0, pull.doubts(shape, expected, unmodelled))
@@ -226,8 +236,7 @@ def _fit(
         if pull.still(step):
             break
         shape = shape.moved(step)
-        begun = zip(tracks, fits, strict=True)
-        fits = [fit_window(track, shape, fit.poses) for track, fit in begun]
+        fits = refit_windows(tracks, fits, shape)
         pull = ShapePull.of(fits)
     return shape, fits, pull
 
