@@ -53,7 +53,7 @@ SCAN_LAYOUT = FaultKind(
 )
 LAYOUT = Question(
     "ranges.layout",
-    "the declared angles fit the number of beams",
+    "the declared angles fit the number of beams, and the time between beams is a number",
     (SCAN_LAYOUT,),
     consequence="consumers that use angle_max turn or stretch the scan, or refuse it",
     repairs=("set_angle_max",),
@@ -86,7 +86,7 @@ def check_ranges(evidence: RecordingEvidence) -> list[Finding]:
     recording = evidence.recording
     findings: list[Finding] = []
     for scans in recording.scans:
-        findings += [*_layouts(scans), *_intensities(scans)]
+        findings += [*_layouts(scans), *_beam_times(scans), *_intensities(scans)]
         sample = sample_scans(scans)
         if sample is None:
             findings.append(unanswered(BEAMS, scans.topic, "no scan holds a single beam"))
@@ -154,6 +154,19 @@ def _layouts(scans: RawScans) -> Iterator[Finding]:
             repairs=(Repair("set_angle_max", scans.topic),),
         )
         return
+
+
+def _beam_times(scans: RawScans) -> Iterator[Finding]:
+    """Scans of which no instant but that of the first beam is known."""
+    known = np.isfinite([layout.beam_dt_s for layout in scans.layouts])[scans.layout_of]
+    if not known.all():
+        yield judge(
+            LAYOUT,
+            scans.topic,
+            f"in {(~known).sum()} of {len(scans):,} scans time_increment is no number",
+            verdict="fault",
+            advice="Publish the seconds from one beam to the next, or 0 where all see one instant.",
+        )
 
 
 def _beams_of(scans: RawScans) -> IntArray:
