@@ -113,6 +113,20 @@ def test_one_fault_has_one_name(robot: Robot, expected: set[str]) -> None:
     assert named(robot.inputs()) == expected
 
 
+@pytest.mark.parametrize(
+    ("scale", "read", "bias_rad_s"),
+    [(0.9, 0.008, 0.008), (-1.1, 0.008, 0.008), (math.degrees(1.0), 1.0, math.radians(1.0))],
+)
+def test_the_bias_is_what_the_unit_reads_at_rest(
+    scale: float, read: float, bias_rad_s: float
+) -> None:
+    calibration = calibrate_inputs(Robot(gyro_scale=scale, gyro_bias=read).inputs())
+    assert calibration is not None
+    size = next(one for one in everything(calibration) if one.check == "gyro.bias").estimate
+    assert size is not None and size.sigma < 0.02 * bias_rad_s
+    assert size.value == pytest.approx(bias_rad_s, abs=4.0 * size.sigma)
+
+
 def test_three_clocks_that_all_differ_are_brought_to_one() -> None:
     """Each pair is told with its offset, and no stream is blamed: any two may be the late ones."""
     robot = Robot(lidar_late_s=0.013, gyro_late_s=0.003, wheels_late_s=-0.02)

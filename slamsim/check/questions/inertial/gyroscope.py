@@ -23,7 +23,7 @@ from slamsim.recording.repairs.base import Repair
 BIAS_LIMIT_RAD_S = 0.0105
 """0.6 degrees per second, five times the usual turn-on bias of the units that robots carry."""
 
-DEGREES = np.degrees(1.0)
+DEGREES = float(np.degrees(1.0))
 """In a radian."""
 SAME_UNIT = 0.1
 """Of 57.3: a scale that is off by less is the unit, no error of the sensor."""
@@ -104,7 +104,7 @@ def _scale(
         return unanswered(SCALE, gyro.topic, "nothing tells whether it or the scans turn too far")
     read = (1.0 + too_large.value / 100.0) * float(np.sign(calibration.value("gyro_gain")))
     unit, fault = read, GYRO_SCALE
-    if abs(abs(read) / DEGREES - 1.0) < SAME_UNIT:
+    if _in_degrees(read):
         unit, fault = DEGREES, GYRO_DEGREES
     elif read < 0.0:
         unit, fault = -1.0, GYRO_SIGN
@@ -119,15 +119,22 @@ def _scale(
     )
 
 
+def _in_degrees(read: float) -> bool:
+    """Whether a unit that reads so many times what the robot turns speaks degrees."""
+    return abs(abs(read) / DEGREES - 1.0) < SAME_UNIT
+
+
 def _bias(calibration: Calibration, gyro: IntegratedMotion) -> Finding:
-    # What it reads when the robot stands, in true radians.
-    bias = calibration.value("gyro_bias_rad_s")
-    read = bias / calibration.value("gyro_gain")
+    # The fit's bias is of true turns: what it reads at rest has the scale of all that it reads.
+    scale = 1.0 / calibration.value("gyro_gain")
+    read = calibration.value("gyro_bias_rad_s") * scale
+    to_rad = 1.0 / DEGREES if _in_degrees(scale) else 1.0
+    sigma = calibration.sigma("gyro_bias_rad_s") * abs(scale)
     return judge(
         BIAS,
         gyro.topic,
-        f"it turns by {np.degrees(bias):+.3g} deg/s at rest",
-        Measurement(bias, calibration.sigma("gyro_bias_rad_s"), "rad/s"),
+        f"it turns by {np.degrees(read * to_rad):+.3g} deg/s at rest",
+        Measurement(read * to_rad, sigma * to_rad, "rad/s"),
         advice="Subtract its mean at rest before use.",
         repairs=(Repair("subtract_gyro_bias", gyro.topic, {"bias_rad_s": read}),),
     )
