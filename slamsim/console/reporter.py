@@ -118,11 +118,14 @@ def _tell(console: Console, words: str, is_warning: bool) -> None:
     console.print(Text(f"! {words}", "yellow") if is_warning else Text(words, "dim"))
 
 
-class _RateColumn(ProgressColumn):
+class RateColumn(ProgressColumn):
     """Units of work per second of wall time; for simulated seconds that is the real-time factor."""
 
     def render(self, task: Task) -> Text:
-        speed, unit = task.finished_speed or task.speed, task.fields.get("unit")
+        # Of the whole once it is done: the last seconds may have been spent on something else.
+        speed, unit = task.speed, task.fields.get("unit")
+        if task.finished_time:
+            speed = task.completed / task.finished_time
         return Text(f"{as_number(speed, 3)} {unit}" if speed and unit else "", style="cyan")
 
 
@@ -164,7 +167,7 @@ class Reporter:
             BarColumn(bar_width=30),
             TaskProgressColumn("{task.percentage:>4.0f} %", markup=False),
             TimeColumn(),
-            _RateColumn(),
+            RateColumn(),
         )
         with self.bars(*columns) as bars:
             task = bars.add_task(title, total=None, unit=unit)

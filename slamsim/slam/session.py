@@ -293,7 +293,8 @@ def map_log(
     return_freed_memory()
 
     front_end = FrontEnd(config.front_end, odometry, log.T_base_laser)
-    whole = len(log.scans) * (1.0 + FINISH_SHARE)
+    whole = float(len(log.scans))
+    tracked = whole * (1.0 - FINISH_SHARE)
     if start is not None:
         front_end.start_at(start)
     before = None
@@ -304,10 +305,10 @@ def map_log(
     with SlamSession(config, front_end, WholeMotion(odometry), keeper, before) as session:
         for number, scan in enumerate(scans):
             session.follow(scan)
-            progress(number + 1, whole)
+            progress((number + 1) * (1.0 - FINISH_SHARE), whole)
         if not len(session):
             raise SlamsimError(nothing_to_track(log, odometry))
-        result = session.finish(_rest_of(progress, len(log.scans), whole))
+        result = session.finish(_rest_of(progress, tracked, whole))
         before_tags = () if earlier is None else earlier.landmarks
         if earlier is not None:
             known = tuple(map(as_known, before_tags)) if session.joined else ()

@@ -12,11 +12,12 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 from limited_child import hear_interrupts
+from rich.progress import Progress
 from rich.text import Text
 from typer.testing import CliRunner
 
 from slamsim.cli.main import app
-from slamsim.console.reporter import Reporter
+from slamsim.console.reporter import RateColumn, Reporter
 from slamsim.process.exit_codes import fail
 
 SWALLOWED = """
@@ -188,3 +189,12 @@ def test_the_same_warning_is_told_once(capsys: pytest.CaptureFixture[str]) -> No
     for words in ("one", "two", "one"):
         logging.getLogger("slamsim.test").warning("the key %s", words)
     assert capsys.readouterr().err.count("the key one") == 1
+
+
+def test_the_rate_of_a_finished_stage_is_that_of_all_of_it() -> None:
+    now_s = [0.0]
+    bars = Progress(get_time=lambda: now_s[0], auto_refresh=False)
+    number = bars.add_task("slam", total=4000.0, unit="scans/s")
+    for now_s[0], done in ((1.0, 10.0), (600.0, 3000.0), (601.0, 4000.0)):
+        bars.update(number, completed=done)
+    assert RateColumn().render(bars.tasks[0]).plain == "6.66 scans/s"

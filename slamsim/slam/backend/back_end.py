@@ -28,6 +28,7 @@ from slamsim.slam.backend.surface_information import SurfaceInformation
 from slamsim.slam.calibration.recalibrate import Recalibration
 from slamsim.slam.calibration.solve import Solved
 from slamsim.slam.closures.images import ImageCandidates
+from slamsim.slam.closures.pending import witnesses
 from slamsim.slam.closures.search import ClosureSearch
 from slamsim.slam.closures.submap_cutter import SubmapCutter
 from slamsim.slam.closures.submaps import WALL_MARGIN_M, Submap
@@ -414,12 +415,28 @@ class BackEnd:
         recalibration = Recalibration(self.keyframes[self._held :], self._motion)
         if recalibration.solved is None:
             return
-        for _ in range(CALIBRATION_ROUNDS if recalibration.moves_chain else 0):
-            self._solution.solve_with(recalibration.chain(self._config.graph))
-            recalibration.close(self.poses, self._solution.edges)
+        if recalibration.moves_chain:
+            before, poses = self._solution.believed, self.poses
+            self._solve_calibrated(recalibration)
+            if self._are_evidence(before - self._solution.believed):
+                recalibration.doubt_noise()
+                self._solution.estimate.move(poses)
+                self._solve_calibrated(recalibration)
         self._cutter.keyframes[self._held :] = recalibration.keyframes()
         self.calibration = recalibration.solved
         self._odometry_noise = recalibration.solved.noise
+
+    def _are_evidence(self, closures: set[tuple[int, int]]) -> bool:
+        """Whether so many of closures (source, target) share no scans that they are no accident."""
+        limits = self._config.closures
+        seen = [(self.keyframes[target].path_m, 1) for _, target in closures]
+        return witnesses(seen, limits.query_travel_m) >= limits.min_support
+
+    def _solve_calibrated(self, recalibration: Recalibration) -> None:
+        """Poses and calibration in turn, each given the other."""
+        for _ in range(CALIBRATION_ROUNDS):
+            self._solution.solve_with(recalibration.chain(self._config.graph))
+            recalibration.close(self.poses, self._solution.edges)
 
     def _refine(self) -> FloatArray | None:
         """Move the key frames to where all views agree best.

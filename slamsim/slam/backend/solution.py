@@ -69,6 +69,11 @@ class Solution:
         """Those that were entered, believed or not."""
         return [edge for edge in self._graph.edges if edge.kind == "closure"]
 
+    @property
+    def believed(self) -> set[tuple[int, int]]:
+        """The ends of the closures that count."""
+        return {(edge.source, edge.target) for edge in self.closures if edge.weight > 0.0}
+
     def begin(self, T_map_base: FloatArray) -> None:
         """The first key frame. T_map_base: (3,)."""
         self.estimate.begin(T_map_base)
@@ -122,7 +127,7 @@ class Solution:
         for begin in carried:
             self.parts.cut(begin)
             self._loosen_chain(begin)
-        self.parts.rebuild((e.source, e.target) for e in self.closures if e.weight > 0.0)
+        self.parts.rebuild(self.believed)
         self._unsolved.clear()
 
     def crossing(self, members: IntArray) -> set[tuple[int, int]]:
@@ -131,8 +136,7 @@ class Solution:
         members: (k,).
         """
         inside = set(members.tolist())
-        ends = {(edge.source, edge.target) for edge in self.closures if edge.weight > 0.0}
-        return {(one, other) for one, other in ends if (one in inside) != (other in inside)}
+        return {ends for ends in self.believed if (ends[0] in inside) != (ends[1] in inside)}
 
     def moved_by(self, edge: GraphEdge) -> FloatArray:
         """(n, 3) the poses if the later of two parts is carried to where an edge has it."""

@@ -23,6 +23,7 @@ from slamsim.slam.calibration.solve import (
     solve_calibration,
 )
 from slamsim.slam.frontend.keyframes import Keyframe, chain_edge
+from slamsim.slam.frontend.preintegration import OdometryNoise
 
 
 class Recalibration:
@@ -53,6 +54,18 @@ class Recalibration:
             return False
         noise = self.solved.noise
         return any(np.trace(freedom(one, noise)) > FREE_SHARE for one in self._intervals.values())
+
+    def doubt_noise(self) -> None:
+        """Odometry errs by no less than it is configured to, whatever the matches showed of it.
+
+        They show it where walls hold the robot. What follows other scans, or slips on a ramp, errs
+        by more where none do.
+        """
+        if self.solved is not None and self._alone is not None:
+            noise = self._alone.noise
+            factors = [max(factor, 1.0) for factor in (noise.path, noise.turn, noise.gyro)]
+            noise = OdometryNoise(noise.config, *factors)
+            self._alone = self.solved = replace(self._alone, noise=noise)
 
     def chain(self, config: GraphConfig) -> list[GraphEdge]:
         """The edges from each key frame to the next, odometry calibrated and as sure as it was."""

@@ -6,7 +6,7 @@ began (pairwise consistency, Mangelson et al. 2018).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -41,19 +41,12 @@ class WaitingClosures:
         poses: (n, 3) of all key frames.
         """
         agreeing = [other for other in self._waiting if agree(closure, other, poses)]
-        if self._witnesses([*agreeing, closure]) < self._min_support:
+        seen = [(one.path_m, one.witnesses) for one in (*agreeing, closure)]
+        if witnesses(seen, self._apart_m) < self._min_support:
             self._waiting.append(closure)
             return ()
         self._waiting = [other for other in self._waiting if other not in agreeing]
         return (*agreeing, closure)
-
-    def _witnesses(self, closures: Sequence[Closure]) -> int:
-        """Those of closures whose key frames are far enough from one another on the path."""
-        count, last_m = 0, -np.inf
-        for closure in sorted(closures, key=lambda one: (one.path_m, -one.witnesses)):
-            if closure.path_m - last_m >= self._apart_m:
-                count, last_m = count + closure.witnesses, closure.path_m
-        return count
 
     def forget(self, path_m: float) -> int:
         """Drop those that have waited for too long; how many."""
@@ -61,6 +54,16 @@ class WaitingClosures:
         dropped = len(self._waiting) - len(kept)
         self._waiting = kept
         return dropped
+
+
+def witnesses(closures: Iterable[tuple[float, int]], apart_m: float) -> int:
+    """Those of closures (path to the key frame in m, own witnesses) whose key frames are far
+    enough from one another on the path."""
+    count, last_m = 0, -np.inf
+    for path_m, own in sorted(closures, key=lambda one: (one[0], -one[1])):
+        if path_m - last_m >= apart_m:
+            count, last_m = count + own, path_m
+    return count
 
 
 def agree(a: Closure, b: Closure, poses: FloatArray) -> bool:
