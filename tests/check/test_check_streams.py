@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from recording_data import LAYOUT, edge, imu_at, recording, scans_at, stamps
+from recording_data import LAYOUT, edge, imu_at, odometry_at, recording, scans_at, stamps
 
 from slamsim.check.diagnosis import explained
 from slamsim.check.evidence import RecordingEvidence
@@ -211,6 +211,28 @@ def test_one_long_gap_is_enough() -> None:
     keep[3000:3015] = False
     scans = scans_at(stamps(10.0, 600.0)[keep])
     assert _bad(Recording("g", "memory", streams=(scans,)))["/scan"] == {"stream_gaps"}
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_a_recorder_that_keeps_a_scan_each_half_metre_loses_none(lost: bool) -> None:
+    """As logs that were thinned for a pose graph: steps are no whole numbers of the usual one, and
+    long where the robot rests. What is missing while it drives is missing all the same."""
+    beat_s, speed_m_s = 0.44, np.random.default_rng(5).choice([0.24, 0.29], 6000, p=[0.3, 0.7])
+    speed_m_s[3000:3150] = 0.0
+    since_s = beat_s * np.arange(speed_m_s.size)
+    travel_m = np.concatenate([[0.0], np.cumsum(beat_s * speed_m_s[1:])])
+    kept = np.unique(np.floor(travel_m / 0.5), return_index=True)[1]
+    kept = np.union1d(kept, kept[::10] + 1)[:-1]  # it turned: sooner than half a metre
+    if lost:
+        kept = np.delete(kept, slice(400, 430))
+    stamps_ns = np.rint(1e9 * since_s[kept]).astype(np.int64)
+    poses = odometry_at(stamps_ns)
+    line_m = np.column_stack([travel_m[kept], *np.zeros((2, kept.size))])
+    made = Recording(
+        "k", "memory", streams=(scans_at(stamps_ns), replace(poses, positions_m=line_m))
+    )
+    (gaps,) = [f for f in stamp_findings(made) if f.check == "time.gaps" and f.subject == "/scan"]
+    assert gaps.verdict == ("fault" if lost else "ok"), gaps.words
 
 
 def test_the_stream_of_another_epoch_is_named_and_put_back() -> None:

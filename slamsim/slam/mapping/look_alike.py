@@ -4,6 +4,7 @@ others: there the robot may have been carried, and neither scans nor loops would
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import islice
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -89,7 +90,8 @@ def _is_ambiguous(
     if len(now_m) < LEAST_PIECES:
         return True
     before = Everywhere(before_m, config)
-    places = list(before.places(now_m, LEAST_SCORE, SURE_NATS / len(now_m)))
+    found = before.places(now_m, LEAST_SCORE, SURE_NATS / len(now_m))
+    places = list(islice(found, 2))  # each further one is a search of its own
     if len(places) != 1 or places[0] is None:
         return True
     middle_m = now_m.mean(axis=0)

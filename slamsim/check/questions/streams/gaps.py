@@ -12,7 +12,7 @@ from slamsim.check.questions.streams.series import (
     is_even,
     usual_step_s,
 )
-from slamsim.core.types import IntArray
+from slamsim.core.types import FloatArray, IntArray
 
 MAX_MISSING_SHARE = 0.015
 MAX_GAP_S = {"lidar": 1.0, "wheels": 1.0, "imu": 0.25}
@@ -23,6 +23,11 @@ MAX_UNEVEN_GAP_S = 10.0
 _USUAL_LOSS, _CHANCE = 0.005, 1e-4
 """A driver that loses this share of its messages is usual; what it could lose by chance in so many
 messages, but for one recording in ten thousand, is no fault."""
+
+_SHORT, _RARELY = 0.5, 0.05
+"""Of a period, and of the messages: a beat with messages missing has no more steps so short."""
+_USUAL_TRAVEL = 2.0
+"""A recorder that keeps a scan each so many metres keeps none that is this much farther."""
 
 _CAUGHT_UP, _LONG_STEPS = 0.75, 100
 """Of the messages that are due, about a step; of so many of the longest steps."""
@@ -48,8 +53,10 @@ def check_gaps(series: StampSeries, countable: bool) -> Finding:
     if not steps_s.size:
         return unanswered(GAPS, series.subject, "all messages carry one and the same stamp")
     period_s = usual_step_s(steps_s)
+    even = is_even(series.stamps_ns) and _is_least(period_s, steps_s)
     longest_s = _longest_s(np.sort(series.stamps_ns), period_s)
-    even = is_even(series.stamps_ns)
+    if not even:
+        longest_s = _longest_driven_s(series, longest_s)
     rate_period_s = period_s if even else float(np.mean(steps_s))
     longest_limit_s = (
         max(MAX_GAP_S[series.kind], MAX_GAP_PERIODS * period_s) if even else MAX_UNEVEN_GAP_S
@@ -85,6 +92,21 @@ def _longest_s(sorted_ns: IntArray, period_s: float) -> float:
         if until == since_s.size - 1 or until - at < _CAUGHT_UP * due:
             return float(steps_s[at])
     return float(np.median(steps_s))
+
+
+def _is_least(period_s: float, steps_s: FloatArray) -> bool:
+    """Whether hardly any messages come sooner: of a lidar that is recorded each half metre the
+    usual step is as long as the robot takes for it, and a turn makes it shorter."""
+    return bool((steps_s < _SHORT * period_s).mean() <= _RARELY)
+
+
+def _longest_driven_s(series: StampSeries, longest_s: float) -> float:
+    """The longest step in which the robot moved farther than from one message to the next."""
+    if series.travel_m is None:
+        return longest_s
+    moved_m, steps_s = np.diff(series.travel_m), np.diff(series.instants_ns) * 1e-9
+    far = moved_m > _USUAL_TRAVEL * np.median(moved_m)
+    return float(min(steps_s[far].max(initial=0.0), longest_s))
 
 
 def steps_plot(series: StampSeries, *limits: float) -> Plot:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -34,6 +34,7 @@ to be lost, or they come in bursts."""
 class StampSeries:
     """stamps_ns: (n,) in the order of the file. received_ns: (n,) on the clock of the stamps if
     the recording tells how, None if unknown. lasts_ns: (n,) from stamp to the end of measuring.
+    travel_m: of a lidar, (m,) path driven by odometry until each distinct stamp, None without any.
     """
 
     subject: str
@@ -41,6 +42,7 @@ class StampSeries:
     stamps_ns: IntArray
     received_ns: IntArray | None
     lasts_ns: IntArray
+    travel_m: FloatArray | None = None
 
     def __len__(self) -> int:
         return int(self.stamps_ns.size)
@@ -101,7 +103,11 @@ class StampSeries:
 def series_of(recording: Recording) -> list[StampSeries]:
     """The streams whose stamps matter; joint states and what never moves are none."""
     found = [
-        StampSeries(s.topic, "lidar", s.stamps_ns, s.received_ns, scan_durations_ns(s))
+        replace(
+            _instants(s.topic, "lidar", s.stamps_ns, s.received_ns),
+            lasts_ns=scan_durations_ns(s),
+            travel_m=_travel_m(recording, np.unique(s.stamps_ns)),
+        )
         for s in recording.scans
     ]
     found += [_instants(s.topic, "imu", s.stamps_ns, s.received_ns) for s in recording.imus]
@@ -201,6 +207,20 @@ def is_even(stamps_ns: IntArray) -> bool:
     return scatter_s is not None and scatter_s < _EVEN_SHARE * period_s
 
 
+def _travel_m(recording: Recording, instants_ns: IntArray) -> FloatArray | None:
+    """(m,) path by the first odometry until each of these instants (m,)."""
+    for odometry in recording.odometries:
+        stamps_ns, first = np.unique(odometry.stamps_ns, return_index=True)
+        if stamps_ns.size > 1:
+            steps_m = np.linalg.norm(np.diff(odometry.positions_m[first], axis=0), axis=1)
+            driven_m = np.concatenate([[0.0], np.cumsum(np.nan_to_num(steps_m))])
+            since_s, at_s = (
+                t * 1e-9 for t in (stamps_ns - stamps_ns[0], instants_ns - stamps_ns[0])
+            )
+            return np.asarray(np.interp(at_s, since_s, driven_m))
+    return None
+
+
 def _instants(
     subject: str, kind: Kind, stamps_ns: IntArray, received_ns: IntArray | None
 ) -> StampSeries:
@@ -222,4 +242,4 @@ def _on_clock(series: StampSeries, clock_ns: IntArray | None) -> StampSeries:
         (shown_ns - shown_ns[0]) * 1e-9,
     )
     received_ns = shown_ns[0] + np.rint(seconds * 1e9).astype(np.int64)
-    return StampSeries(series.subject, series.kind, series.stamps_ns, received_ns, series.lasts_ns)
+    return replace(series, received_ns=received_ns)
