@@ -20,6 +20,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from slamsim.guard.errors import InputRefused, NotFound, OverrideRefused
+from slamsim.io.copy.recording import copy_recording
 from slamsim.io.open import read_recording
 from slamsim.io.parquet.writer import ParquetLog
 from slamsim.io.selection import Selection
@@ -120,6 +121,17 @@ def test_nothing_is_repaired_in_any_format(
     np.testing.assert_array_equal(moving.positions_m[:, 0], [1.0, 3.0, 4.0])
     assert not moving.is_static and edges["map -> odom"].stamps_ns.size == 1
     assert found.anomalies == ()
+
+
+def test_a_bag_from_before_2011_has_headers_of_another_package(tmp_path: Path) -> None:
+    new = as_ros1(tmp_path / "new.bag", ROBOT1.drive())
+    old = as_ros1(tmp_path / "old.bag", ROBOT1.drive(), header="roslib/Header")
+    found = read_recording(old)
+    assert_same(found, read_recording(new))
+    assert found.unread == ()
+    copy_recording(old, found, found, tmp_path / "fixed")
+    (copied,) = (tmp_path / "fixed").glob("*.bag")
+    assert_same(read_recording(copied), found)
 
 
 def test_our_own_file_comes_back_without_its_truth(tmp_path: Path) -> None:

@@ -131,8 +131,13 @@ class Robot:
 
 
 def as_ros1(
-    path: Path, messages: Iterable[Message], compression: str = "", chunk_size: int = 1 << 20
+    path: Path,
+    messages: Iterable[Message],
+    compression: str = "",
+    chunk_size: int = 1 << 20,
+    header: str = "std_msgs/Header",
 ) -> Path:
+    """header: how the definitions name the type of headers."""
     writer = Writer1(path)
     writer.chunk_threshold = chunk_size
     if compression:
@@ -142,7 +147,11 @@ def as_ros1(
         for topic, log_ns, message in messages:
             kind = message.__msgtype__
             if topic not in connections:
-                connections[topic] = writer.add_connection(topic, kind, typestore=ROS1)
+                text, digest = ROS1.generate_msgdef(kind)
+                text = text.replace("std_msgs/Header header", "Header header")  # as ROS writes
+                text = text.replace("std_msgs/Header", header)
+                connection = writer.add_connection(topic, kind, msgdef=text, md5sum=digest)
+                connections[topic] = connection
             data = bytes(ROS1.serialize_ros1(message, kind))
             writer.write(connections[topic], log_ns, data)
     return path
