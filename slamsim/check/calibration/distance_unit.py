@@ -139,11 +139,15 @@ def _scaled(wheels: IntegratedMotion, unit: WrongUnit) -> IntegratedMotion:
     """With lengths in metres: of the radius alone turns shrink as well, else the track."""
     both = np.array([unit.metres, unit.metres if unit.radius_alone else 1.0])
     track = 1.0 if unit.radius_alone else unit.metres
-    aside = None if wheels.sideways_m is None else wheels.sideways_m * unit.metres
+    aside, sideways = (
+        None if steps_m is None else steps_m * unit.metres
+        for steps_m in (wheels.aside_m, wheels.sideways_m)
+    )
     return replace(
         wheels,
         totals=wheels.totals * both,
-        sideways_m=aside,
+        aside_m=aside,
+        sideways_m=sideways,
         reading=wheels.reading * both,
         track_m=wheels.track_m * track,
     )

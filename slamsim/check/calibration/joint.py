@@ -28,6 +28,7 @@ from slamsim.check.motion.alignment import Alignment, Shift, align, laser_path
 from slamsim.check.motion.inputs import Inputs, from_above
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.motion.laser_steps import LaserSteps
+from slamsim.check.motion.robust import scatter, tukey_weights
 from slamsim.core.types import FloatArray
 
 PSEUDO_STEP_NS = 100_000_000
@@ -35,6 +36,12 @@ LEAST_GAIN = 1e-4
 """A gain nearer to 0 is of a stream that shows no motion; to divide by it would make numbers
 without meaning."""
 SLIP_ROUNDS = 4
+LEAST_SIDEWAYS_STEPS, SIDEWAYS_ROUNDS = 30, 6
+LEAST_APART_M, LEAST_INFORMATION = 1e-5, 1e-12
+"""Hundredths of millimetres are below what scans tell; the latter only keeps equations solvable."""
+CONFIRMED_SHARES, CONFIRMED_SIGMA = (0.5, 1.5), 0.1
+"""Noise of poses, and a heading that comes late, are 0 of what scans see; steps to the side are 1,
+less what rollers slip: the limit is midway, and five standard deviations from 0."""
 HARDLY_TURNING_RAD_S = 0.05
 """Standard deviation of the turn rate: below it a recording is one of a straight drive, from which
 turns say nothing."""
@@ -148,10 +155,54 @@ def calibrate_inputs(inputs: Inputs) -> Calibration | None:
     model = Model(steps, believed, alignment.wheels, middle_ns, alignment.shifts_ns)
     start = _start(model, inputs.T_base_laser, alignment.growth)
     found = fit(model, start)
+    share = _sideways_share(model, found)
+    if share is not None:
+        assert alignment.wheels is not None and alignment.wheels.aside_m is not None
+        wheels = replace(alignment.wheels, sideways_m=share * alignment.wheels.aside_m)
+        alignment = replace(alignment, wheels=wheels)
+        model = Model(steps, believed, wheels, middle_ns, alignment.shifts_ns)
+        start = _start(model, inputs.T_base_laser, alignment.growth)
+        found = fit(model, start)
     spells = None
     if alignment.wheels is not None and np.any(steps.information):
         found, spells = _without_slip(model, start, found)
     return Calibration(inputs, alignment, model, found, spells)
+
+
+def _sideways_share(model: Model, found: Fit) -> float | None:
+    """How much of what odometry says of steps to the side the scans confirm, as of a robot that
+    drives sideways (rollers slip: 1 is rare); None where they plainly do not.
+
+    Of what is left after a fit without them, and of the steps themselves, counts what neither the
+    way, nor turns (a laser or a base elsewhere), nor both together (a heading that comes late)
+    explain.
+    """
+    wheels = model.wheels
+    if wheels is None or wheels.aside_m is None or wheels.sideways_m is not None:
+        return None
+    chosen = model.covered(found.values)[1] & np.any(model.steps.information, axis=(1, 2))
+    if int(chosen.sum()) < LEAST_SIDEWAYS_STEPS:
+        return None
+    seconds = (model.steps.second_ns - model.steps.first_ns)[chosen] * 1e-9
+    yaw_rad = found.values[LASER_YAW]
+    left = np.array([np.sin(yaw_rad), np.cos(yaw_rad)])
+    ahead = np.array([np.cos(yaw_rad), -np.sin(yaw_rad)])
+    way_m = model.steps.T_first_second[chosen, :2] @ ahead
+    turn_rad = model.steps.T_first_second[chosen, 2]
+    by = np.column_stack(
+        [model.aside(found.values)[chosen], way_m, turn_rad, way_m * turn_rad / seconds]
+    )
+    missing_m = -(found.residual[chosen, :2] @ left)
+    weights = np.ones(len(missing_m))
+    for _ in range(SIDEWAYS_ROUNDS):
+        information = by.T @ (weights[:, None] * by) + LEAST_INFORMATION * np.eye(4)
+        numbers = np.linalg.solve(information, by.T @ (weights * missing_m))
+        apart_m = missing_m - by @ numbers
+        weights = tukey_weights(apart_m, LEAST_APART_M)
+    share = float(numbers[0])
+    sigma = scatter(apart_m, LEAST_APART_M) * float(np.sqrt(np.linalg.inv(information)[0, 0]))
+    confirmed = CONFIRMED_SHARES[0] < share < CONFIRMED_SHARES[1] and sigma < CONFIRMED_SIGMA
+    return share if confirmed else None
 
 
 def _without_slip(model: Model, start: FloatArray, found: Fit) -> tuple[Fit, SlipSpells]:

@@ -172,6 +172,16 @@ class Model:
                 jacobian[:, :, drift] = by_growth
         return jacobian
 
+    def aside(self, values: FloatArray) -> FloatArray:
+        """(n,) how far poses lead to the left in each pair, whether that is believed or not."""
+        if self.wheels is None or self.wheels.aside_m is None:
+            return np.zeros(len(self.steps))
+        sums = np.concatenate([[0.0], np.cumsum(self.wheels.aside_m)])
+        start, end = (
+            np.interp(times_s, self.wheels.times_s, sums) for times_s in self._wheel_times(values)
+        )
+        return np.asarray(values[PATH_GAIN] * np.sign(values[TURN_GAIN]) * (end - start))
+
     def _slopes_in_time(self, values: FloatArray, stream: int) -> tuple[FloatArray, FloatArray]:
         """(n, 4) twice: of the residual by the instants of one stream at both ends of a pair."""
         motion = (self.gyro, self.wheels)[stream]

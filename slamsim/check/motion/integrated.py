@@ -60,8 +60,9 @@ class IntegratedMotion:
     stamps_ns: (n,) strictly increasing. totals: (n, k): of a gyroscope (turn,) in the units it
     reports, of wheels (path m, turn rad) by the numbers that their driver uses. reading: (k,)
     standard deviation that reading adds to any total. track_m: 0 unless there are two counters.
-    axis: of the base, about which a gyroscope turns. sideways_m: (n - 1,) how far each step leads
-    to the left, of poses of a frame that is plainly not at the axle; None of any other.
+    axis: of the base, about which a gyroscope turns. aside_m: (n - 1,) how far each step of poses
+    leads to the left. sideways_m: the same where it is believed, as of a frame that is plainly not
+    at the axle; None where it is not.
     """
 
     topic: str
@@ -70,6 +71,7 @@ class IntegratedMotion:
     reading: FloatArray
     track_m: float = 0.0
     axis: str = "z"
+    aside_m: FloatArray | None = None
     sideways_m: FloatArray | None = None
 
     def __post_init__(self) -> None:
@@ -77,9 +79,10 @@ class IntegratedMotion:
         require_finite(f"totals of {self.topic}", self.totals, (len(self.stamps_ns), None), MOST**4)
         require_finite(f"errors of {self.topic}", self.reading, (None,), MOST**4)
         require_number(f"the track of {self.topic} in m", self.track_m, 0.0)
-        if self.sideways_m is not None:
-            shape = (len(self.stamps_ns) - 1,)
-            require_finite(f"sideways steps of {self.topic}", self.sideways_m, shape, MOST**4)
+        shape = (len(self.stamps_ns) - 1,)
+        for aside_m in (self.aside_m, self.sideways_m):
+            if aside_m is not None:
+                require_finite(f"sideways steps of {self.topic}", aside_m, shape, MOST**4)
 
     @property
     def wired(self) -> bool:
@@ -191,17 +194,17 @@ def integrated_odometry(odometry: RawOdometry) -> IntegratedMotion | None:
     totals = _possible(arcs[:, [0, 2]], stamps)
     read = pose_reading(PlanarTrajectory(stamps, poses))
     reading = np.array([read.sigma_m, read.sigma_rad]) / np.sqrt(2.0)
-    sideways_m = _sideways_m(arcs, stamps)
-    return IntegratedMotion(odometry.topic, stamps, totals, reading, sideways_m=sideways_m)
-
-
-def _sideways_m(arcs: FloatArray, stamps_ns: IntArray) -> FloatArray | None:
-    """(n,) how far arcs (n, 3) lead to the left, none where a robot makes no such step; None unless
-    they are plainly those of a frame that is not at the axle."""
-    seconds = np.diff(stamps_ns)[:, None] * 1e-9
+    seconds = np.diff(stamps)[:, None] * 1e-9
     made = np.abs(arcs) < np.array([MOST_M_S, MOST_M_S, MOST_RAD_S]) * seconds
-    possible = np.where(made.all(axis=1, keepdims=True), arcs, 0.0)
-    return possible[:, 1] if _off_axle(possible, seconds) else None
+    made_arcs = np.where(made.all(axis=1, keepdims=True), arcs, 0.0)
+    return IntegratedMotion(
+        odometry.topic,
+        stamps,
+        totals,
+        reading,
+        aside_m=made_arcs[:, 1],
+        sideways_m=made_arcs[:, 1] if _off_axle(made_arcs, seconds) else None,
+    )
 
 
 def _off_axle(arcs: FloatArray, seconds: FloatArray) -> bool:
