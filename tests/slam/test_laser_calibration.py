@@ -25,7 +25,7 @@ from simulated import (
 
 from slamsim.config.slam import MotionConfig, SlamConfig
 from slamsim.core.geometry import compose, se3_from_parts
-from slamsim.core.types import FloatArray, Log, PlanarTrajectory, ScanGeometry
+from slamsim.core.types import FloatArray, Log, PlanarTrajectory, ScanBeside, ScanGeometry
 from slamsim.evaluate.relations import score_relations
 from slamsim.io.open import read_log
 from slamsim.io.text.relations import read_relations
@@ -122,6 +122,35 @@ def test_errors_of_sixteen_drives_are_as_large_as_claimed() -> None:
     told = dict(zip(NAMES, by_number.tolist(), strict=True))
     assert (by_number < 2.5).all(), f"{told}: of 16 normal variables in one of a thousand cases"
     assert (by_number > 0.01).all(), "sigmas ten times too large tell nothing"
+
+
+@pytest.mark.long
+def test_of_two_lidars_each_is_corrected_by_its_own_scans() -> None:
+    """The rear one fires at once what it declares as a sweep, and sits 9 cm off; the front one is
+    as declared."""
+    rear, declared = np.array([-0.2, 0.02, 3.0]), np.array([-0.29, 0.02, 3.0])
+    simulated = healthy(0)
+    truth, front = simulated.truth, list(simulated.log.scans)
+    seen = PlanarTrajectory(truth.stamps_ns, compose(truth.poses, np.tile(rear, (len(truth), 1))))
+    at_once = replace(LIDAR, beam_dt_ns=0)
+    swept = replace(LIDAR, frame_id="rear")
+    behind = [
+        ScanBeside(replace(scan, geometry=swept), matrix(declared))
+        for scan in sense_scans(simulated.walls, seen, at_once, NOISE_M, 1)
+    ]
+    both = [replace(scan, beside=(other,)) for scan, other in zip(front, behind, strict=True)]
+    log = replace(simulated.log, scans=ScanList(both))
+    failures = Failures()
+    found = laser_of(log, odometry_of(log), SlamConfig(), failures)
+    assert not list(failures) and not found.corrected.any()
+    (other,) = found.beside.values()
+    assert other.corrected[[2, 3]].all() and abs(other.used[2]) < 3e-3
+    assert np.abs(other.used[3:] - rear).max() < 0.02
+    right = found.applied(log)
+    (scan, *_), (warned, *_) = right.scans, right.warnings
+    assert warned.startswith("rear: ")
+    assert scan.geometry == front[0].geometry and scan.beside[0].scan.geometry.duration_ns < 3e6
+    assert np.abs(scan.beside[0].T_base_laser - matrix(rear)).max() < 0.02
 
 
 @pytest.mark.long

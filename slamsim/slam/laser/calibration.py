@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from slamsim.core.geometry import rotation, se2_from_se3
 from slamsim.core.result import Calibrated
-from slamsim.core.types import BoolArray, FloatArray, Log, Scan, ScanGeometry, ScanSource
+from slamsim.core.types import (
+    BoolArray,
+    FloatArray,
+    Log,
+    Scan,
+    ScanBeside,
+    ScanGeometry,
+    ScanSource,
+)
 from slamsim.guard.quantities import as_interval
 
 NAMES = (
@@ -37,13 +45,14 @@ class LaserCalibration:
     Angle between beams, true over declared; by how much ranges are too long; seconds from the
     first beam to the last; T_base_laser in the plane. values: as found, with sigmas (infinite where
     nothing told); declared: by the recording; corrected: which are contradicted so plainly that the
-    value found is used.
+    value found is used. beside: of the robot's other lidars, by their frames.
     """
 
     values: FloatArray
     sigmas: FloatArray
     declared: FloatArray
     corrected: BoolArray
+    beside: Mapping[str, LaserCalibration] = field(default_factory=dict)
 
     @staticmethod
     def unknown(log: Log, sweep_s: float = 0.0) -> LaserCalibration:
@@ -67,17 +76,27 @@ class LaserCalibration:
         return np.where(self.corrected, self.values, self.declared)
 
     def applied(self, log: Log) -> Log:
-        """The log as this laser really recorded it, with a warning for each number corrected."""
-        if not self.corrected.any():
+        """The log as its lidars really recorded it, with a warning for each number corrected."""
+        if not any(one.corrected.any() for one in (self, *self.beside.values())):
             return log
-        used = self.used
-        source = _Corrected(log.scans, used, self.declared)
+        warnings = self._warnings()
+        for frame, one in self.beside.items():
+            warnings += [f"{frame}: {words}" for words in one._warnings()]
         return replace(
             log,
-            scans=source,
-            T_base_laser=_moved(log.T_base_laser, self.declared[MOUNT], used[MOUNT]),
-            warnings=(*self._warnings(), *log.warnings),
+            scans=_Corrected(log.scans, self),
+            T_base_laser=self.mounted(log.T_base_laser),
+            warnings=(*warnings, *log.warnings),
         )
+
+    def mounted(self, T_base_laser: FloatArray) -> FloatArray:
+        """4 x 4 moved and turned about the base's z from where it is declared to where it is,
+        height and tilt kept."""
+        declared, used = self.declared[MOUNT], self.used[MOUNT]
+        moved = T_base_laser.copy()
+        moved[:2, :3] = rotation(used[2] - declared[2])[:2, :2] @ T_base_laser[:2, :3]
+        moved[:2, 3] += used[:2] - declared[:2]
+        return moved
 
     def calibrated(self) -> dict[str, Calibrated]:
         """Every number that the recording tells anything of, under its name with its unit."""
@@ -113,21 +132,42 @@ _WORDS = (
 
 
 class _Corrected:
-    """Scans with other angles, ranges and beam times, made as they are asked for."""
+    """The scans of all lidars with other angles, ranges and beam times, made as they are asked
+    for."""
 
-    def __init__(self, scans: ScanSource, used: FloatArray, declared: FloatArray) -> None:
-        self._scans = scans
-        self._scale, self._offset_m = float(used[ANGLE_SCALE]), float(used[RANGE_OFFSET])
-        self._longer_s = float(used[SWEEP] - declared[SWEEP])
-        self._geometries: dict[ScanGeometry, ScanGeometry] = {}
+    def __init__(self, scans: ScanSource, lidar: LaserCalibration) -> None:
+        self._scans, self._own = scans, _CorrectedShape(lidar)
+        self._beside = {
+            frame: (_CorrectedShape(one), one.mounted) for frame, one in lidar.beside.items()
+        }
 
     def __len__(self) -> int:
         return len(self._scans)
 
     def __iter__(self) -> Iterator[Scan]:
-        return map(self._corrected, self._scans)
+        for scan in self._scans:
+            beside = tuple(map(self._corrected_beside, scan.beside))
+            yield replace(self._own.corrected(scan), beside=beside)
 
-    def _corrected(self, scan: Scan) -> Scan:
+    def _corrected_beside(self, other: ScanBeside) -> ScanBeside:
+        known = self._beside.get(other.scan.geometry.frame_id)
+        if known is None:
+            return other
+        shape, mounted = known
+        return ScanBeside(shape.corrected(other.scan), mounted(other.T_base_laser))
+
+
+class _CorrectedShape:
+    """Corrects the scans of one lidar."""
+
+    def __init__(self, lidar: LaserCalibration) -> None:
+        used = lidar.used
+        self._scale, self._offset_m = float(used[ANGLE_SCALE]), float(used[RANGE_OFFSET])
+        self._longer_s = float(used[SWEEP] - lidar.declared[SWEEP])
+        self._geometries: dict[ScanGeometry, ScanGeometry] = {}
+
+    def corrected(self, scan: Scan) -> Scan:
+        """As the lidar really took it."""
         geometry = self._geometries.get(scan.geometry)
         if geometry is None:
             geometry = self._geometries[scan.geometry] = self._of(scan.geometry)
@@ -150,11 +190,3 @@ class _Corrected:
             range_min_m=max(geometry.range_min_m - self._offset_m, 0.0),
             range_max_m=geometry.range_max_m - self._offset_m,
         )
-
-
-def _moved(T_base_laser: FloatArray, declared: FloatArray, used: FloatArray) -> FloatArray:
-    """4 x 4 moved and turned about the base's z, height and tilt kept. declared, used: (3,)."""
-    moved = T_base_laser.copy()
-    moved[:2, :3] = rotation(used[2] - declared[2])[:2, :2] @ T_base_laser[:2, :3]
-    moved[:2, 3] += used[:2] - declared[:2]
-    return moved

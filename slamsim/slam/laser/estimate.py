@@ -8,12 +8,22 @@ the radii of the wheels alike.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from slamsim.config.slam import MotionConfig, SlamConfig
-from slamsim.core.types import BoolArray, Float32Array, FloatArray, IntArray, Log, ScanGeometry
+from slamsim.core.types import (
+    BoolArray,
+    Float32Array,
+    FloatArray,
+    IntArray,
+    Log,
+    Scan,
+    ScanGeometry,
+    ScanSource,
+)
 from slamsim.models.wheel_gyro import PARAMETERS
 from slamsim.recording import RawScans, ScanLayout
 from slamsim.slam.failures import Failures
@@ -72,17 +82,35 @@ units count no more."""
 def laser_of(
     log: Log, odometry: Odometry | None, config: SlamConfig, failures: Failures
 ) -> LaserCalibration:
-    """A log's laser as its scans and odometry show it; as declared if that is wanted, or fails."""
+    """A log's lidars as their scans and odometry show them; as declared if that is wanted, or
+    fails."""
     found = LaserCalibration.unknown(log)
     if config.calibrate_laser:
         with failures.caught("laser calibration", 0):
-            found = calibrate_laser(log, odometry, config.front_end.motion)
+            survey, motion = _survey(log), config.front_end.motion
+            found = _calibrated(log, survey, odometry, motion)
+            beside = [
+                calibrate_laser(
+                    replace(log, scans=_Alone(log.scans, frame_id), T_base_laser=T_base_laser),
+                    odometry,
+                    motion,
+                )
+                for frame_id, T_base_laser in survey.beside.items()
+            ]
+            first, *beside = _moved_together([found, *beside])
+            found = replace(first, beside=dict(zip(survey.beside, beside, strict=True)))
     return found
 
 
 def calibrate_laser(log: Log, odometry: Odometry | None, config: MotionConfig) -> LaserCalibration:
-    """What the log itself says of its laser; nothing is corrected where it says too little."""
-    survey = _survey(log)
+    """What the log itself says of its laser; nothing is corrected where it says too little. Other
+    lidars beside it are left alone."""
+    return _calibrated(log, _survey(log), odometry, config)
+
+
+def _calibrated(
+    log: Log, survey: _Survey, odometry: Odometry | None, config: MotionConfig
+) -> LaserCalibration:
     windows = choose_windows(survey.stamps_ns, _activity(odometry, survey.stamps_ns))
     scans, windows = _rows(log, survey, windows)
     unknown = LaserCalibration.unknown(log, survey.sweep_s)
@@ -106,12 +134,14 @@ def calibrate_laser(log: Log, odometry: Odometry | None, config: MotionConfig) -
 @dataclass(frozen=True, slots=True, eq=False)
 class _Survey:
     """stamps_ns: (n,). geometries: the distinct ones; geometry_of: (n,) which one each scan has.
-    rows: the ranges of all scans, None if these are too many to keep."""
+    rows: the ranges of all scans, None if these are too many to keep. beside: the other lidars by
+    their frames, 4 x 4 T_base_laser of each."""
 
     stamps_ns: IntArray
     geometries: tuple[ScanGeometry, ...]
     geometry_of: IntArray
     rows: list[Float32Array] | None
+    beside: dict[str, FloatArray]
 
     @property
     def sweep_s(self) -> float:
@@ -124,6 +154,7 @@ def _survey(log: Log) -> _Survey:
     numbers: dict[ScanGeometry, int] = {}
     found: list[tuple[int, int]] = []
     rows: list[Float32Array] | None = []
+    beside: dict[str, FloatArray] = {}
     size = 0
     for scan in log.scans:
         found.append((scan.stamp_ns, numbers.setdefault(scan.geometry, len(numbers))))
@@ -132,8 +163,26 @@ def _survey(log: Log) -> _Survey:
             rows = None
         if rows is not None:
             rows.append(scan.ranges_m)
+        for other in scan.beside:
+            beside.setdefault(other.scan.geometry.frame_id, other.T_base_laser)
     stamps_ns, geometry_of = np.array(found, dtype=np.int64).reshape(-1, 2).T
-    return _Survey(stamps_ns, tuple(numbers), geometry_of, rows)
+    return _Survey(stamps_ns, tuple(numbers), geometry_of, rows, beside)
+
+
+class _Alone:
+    """The scans of one lidar of several that is not the first."""
+
+    def __init__(self, scans: ScanSource, frame_id: str) -> None:
+        self._scans, self._frame_id = scans, frame_id
+
+    def __len__(self) -> int:
+        return len(self._scans)
+
+    def __iter__(self) -> Iterator[Scan]:
+        for scan in self._scans:
+            for other in scan.beside:
+                if other.scan.geometry.frame_id == self._frame_id:
+                    yield other.scan
 
 
 def _activity(odometry: Odometry | None, stamps_ns: IntArray) -> FloatArray | None:
@@ -225,9 +274,26 @@ def _with_mount(
         tolerance[MOUNT][:2] = POSES_TOLERANCE_M
     values = found.declared[MOUNT] + mount.off
     told = found.told(MOUNT, values, mount.sigmas, np.zeros(3, dtype=np.bool_))
-    placed = np.array([*(2 * [bool(found.declared[MOUNT][:2].any())]), True])
     wrong = _off(told, as_sure_as(SURE_SIGMAS, mount.windows), tolerance)[MOUNT]
-    return found.told(MOUNT, values, mount.sigmas, wrong & placed)
+    return found.told(MOUNT, values, mount.sigmas, wrong & _placed(found))
+
+
+def _placed(found: LaserCalibration) -> BoolArray:
+    """(3,) which numbers of the mount may be corrected at all."""
+    return np.array([*(2 * [bool(found.declared[MOUNT][:2].any())]), True])
+
+
+def _moved_together(lidars: list[LaserCalibration]) -> list[LaserCalibration]:
+    """Where one of several is moved, each goes to where it was found, within the tolerances too: a
+    base that is elsewhere than declared is so for all of them, and walls would be doubled."""
+    if not any(one.corrected[MOUNT].any() for one in lidars):
+        return lidars
+    moved = []
+    for one in lidars:
+        wrong = _off(one, DOUBT_SIGMAS, np.zeros(len(TOLERANCE)))[MOUNT] & _placed(one)
+        wrong |= one.corrected[MOUNT]
+        moved.append(one.told(MOUNT, one.values[MOUNT], one.sigmas[MOUNT], wrong))
+    return moved
 
 
 def _doubtful(found: LaserCalibration) -> bool:
