@@ -40,8 +40,8 @@ from slamsim.slam.online.samples import NOTHING, MotionSamples, MotionSource, Wh
 from slamsim.slam.online.sync_back_end import MapKeeper, SyncBackEnd
 from slamsim.slam.online.warm import warm_up
 
-FINISH_SHARE = 0.1
-"""Part of the progress that the final search and solution take."""
+FINISH_SHARE, SEARCH_SHARE = 0.2, 0.5
+"""Part of the progress that the finish takes, and part of the finish that its searches take."""
 
 
 class SlamSession:
@@ -359,9 +359,10 @@ def odometry_of(log: Log) -> Odometry | None:
 
 
 def _rest_of(progress: Progress, done_before: float, whole: float) -> Progress:
-    """Progress of the finish as the last part of the whole."""
+    """Progress of the searches of the finish, after which the solution is still to come."""
 
     def report(done: float, total: float) -> None:
-        progress(done_before + (whole - done_before) * done / max(total, 1.0), whole)
+        share = SEARCH_SHARE * done / max(total, 1.0)
+        progress(done_before + (whole - done_before) * share, whole)
 
     return report
