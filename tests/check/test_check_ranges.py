@@ -522,3 +522,24 @@ def test_ranges_that_scatter_more_than_a_lidar_are_told(sigma_m: float, told: bo
     noise_m = sigma_m * np.random.default_rng(4).standard_normal(room().shape)
     found = {one.fault for one in range_findings(recorded((room() + noise_m).astype(np.float32)))}
     assert ("range_noise" in found) is told
+
+
+@pytest.mark.parametrize(
+    ("every", "lasts", "felt_m_s2", "fault"),
+    [
+        (33, 6, 1.0, False),  # a trot: 60 ms in the air
+        (1999, 25, 0.5, False),  # down a step
+        (200, 1, 0.0, True),  # a bus that reads nothing now and then
+        (1999, 60, 0.0, True),
+        (200, 1, 45.0, True),
+    ],
+)
+def test_a_robot_that_falls_or_trots_feels_little_and_no_spikes(
+    every: int, lasts: int, felt_m_s2: float, fault: bool
+) -> None:
+    imu = turning_imu()
+    accelerations = imu.linear_acceleration_m_s2.copy()
+    for begin in range(20, len(accelerations) - lasts, every):
+        accelerations[begin : begin + lasts] *= felt_m_s2 / 9.81
+    found = bad(felt(replace(imu, linear_acceleration_m_s2=accelerations)))
+    assert found == (["imu_spikes"] if fault else [])

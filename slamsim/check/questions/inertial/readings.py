@@ -20,6 +20,10 @@ from slamsim.recording.repairs.base import Repair
 SPIKE_M_S2 = (3.0, 30.0)
 """Of single samples, as Cartographer's validator has it."""
 MAX_SPIKE_SHARE, MIN_SPIKES = 1e-3, 3
+FALL_S = (0.02, 0.3)
+"""A robot that falls, or trots on legs, feels little: never for so short, nor for so long as a fall
+of 0.44 m. A dog of MuJoCo that trots has at most 0.03 % of readings that no fall explains at 50 Hz
+and above, and 0.7 % below, where a flight is a single reading."""
 GRAVITY_M_S2 = (8.0, 12.0)
 """Of the median: else gravity itself is what is wrong."""
 CHANGING_SHARE = 0.5
@@ -88,7 +92,7 @@ def check_readings(recording: Recording, imu: RawImu) -> Iterator[Finding]:
     yield _finite(imu, finite)
     if int(finite.sum()) < MIN_SAMPLES:
         return
-    yield _spikes(imu, accelerations[finite])
+    yield _spikes(imu, accelerations[finite], imu.stamps_ns[finite])
     yield _axes(imu, finite, _base_turns(recording))
     if imu.orientation_xyzw is not None:
         yield _orientation(imu, imu.orientation_xyzw)
@@ -113,22 +117,38 @@ def _finite(imu: RawImu, finite: BoolArray) -> Finding:
     )
 
 
-def _spikes(imu: RawImu, accelerations: FloatArray) -> Finding:
+def _spikes(imu: RawImu, accelerations: FloatArray, stamps_ns: IntArray) -> Finding:
     length = np.linalg.norm(accelerations, axis=1)
     if not GRAVITY_M_S2[0] < np.median(length) < GRAVITY_M_S2[1]:
         return unanswered(SPIKES, imu.topic, "without gravity single readings cannot be judged")
     low, high = SPIKE_M_S2
-    spikes = (length < low) | (length > high)
+    spikes = (length > high) | _no_fall(length, float(np.median(np.diff(stamps_ns))) * 1e-9)
     words = f"{int(spikes.sum())} accelerations lie outside {low:g} to {high:g} m/s^2"
+    farthest = max(length[spikes], key=lambda one: abs(one - np.median(length)), default=0.0)
     return judge(
         SPIKES,
         imu.topic,
-        {"ok": words, "fault": f"{words}, up to {length.max():.3g}"},
+        {"ok": words, "fault": f"{words}, the farthest is {farthest:.3g}"},
         Measurement(100.0 * float(spikes.mean()), 0.0, "%"),
         limit=100.0 * max(MAX_SPIKE_SHARE, (MIN_SPIKES - 0.5) / len(length)),
         advice="Look for a bad bus or a unit that sits loose; a robot that takes such knocks falls "
         "over.",
     )
+
+
+def _no_fall(length: FloatArray, period_s: float) -> BoolArray:
+    """(n,) which accelerations are too small, and not because the robot falls: a reading alone
+    between two of gravity, or longer than it falls."""
+    small = length < SPIKE_M_S2[0]
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], small, [False]]).astype(np.int8)))
+    begins, ends = edges[::2], edges[1::2]
+    calm = np.pad((length > GRAVITY_M_S2[0]) & (length < GRAVITY_M_S2[1]), 1)
+    alone = (ends - begins == 1) & calm[begins] & calm[ends + 1] & (period_s <= FALL_S[0])
+    no_fall = alone | ((ends - begins) * period_s > FALL_S[1])
+    chosen = np.zeros(len(length) + 1, dtype=np.int64)
+    np.add.at(chosen, begins[no_fall], 1)
+    np.add.at(chosen, ends[no_fall], -1)
+    return np.asarray(np.cumsum(chosen)[:-1] > 0)
 
 
 def _axes(imu: RawImu, finite: BoolArray, turns: bool) -> Finding:
