@@ -267,7 +267,7 @@ def _planned(clouds: Sequence[Points], place: Place, wanted_m: Heights | None) -
     note = f"cut out of point clouds: {how}, {360.0 / beams:.2g} deg a beam; {timed}"
     plan = _Plan(ring, heights_m, beams, phase_rad, first, count, sweep)
     if sweep is not None:
-        return plan, note
+        return replace(plan, in_order=sweep.s_per_rad > 0.0), note
     steps = _steps(chosen, beams)
     turns = _turns(steps)
     in_order = turns != 0 or count < beams or not _jumps(steps, beams)

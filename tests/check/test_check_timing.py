@@ -158,6 +158,14 @@ def test_a_late_stream_is_told_where_the_others_differ_by_what_is_healthy(stream
         assert told == {stream: pytest.approx(0.05, abs=0.001)}
 
 
+def test_when_clouds_without_order_were_seen_is_told_no_better_than_it_is_known() -> None:
+    for late_s, expected in ((0.005, set()), (0.08, {"time_offset_lidar"})):
+        inputs = replace(Robot(lidar_late_s=late_s).inputs(), instant_sigma_s=0.01)
+        assert {name for name in named(inputs) if name.startswith("time_offset")} == expected
+    late = replace(Robot(wheels_late_s=0.01).inputs(), instant_sigma_s=0.01)
+    assert "time_offset_wheels" in named(late)
+
+
 @pytest.mark.parametrize("lacking", ["lidar_gyro", "lidar_wheels", "gyro_wheels"])
 def test_two_late_streams_are_not_told_as_one_where_a_pair_cannot_be_compared(lacking: str) -> None:
     """Offsets that contradict each other are no stream's: each is told by itself."""

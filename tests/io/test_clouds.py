@@ -259,6 +259,18 @@ def test_points_in_no_order_are_told_where_they_hide_how_long_a_turn_lasts(count
         assert found.in_order is not hidden
 
 
+@pytest.mark.parametrize("turns", [True, False])
+def test_times_of_a_rosette_put_its_points_in_no_order(turns: bool) -> None:
+    angles_rad = np.deg2rad(np.arange(360) - 90.0)
+    times_s = np.linspace(0.0, 0.1, 360)
+    times_s = times_s if turns else np.random.default_rng(1).permutation(times_s)
+    slicer = CloudSlicer("/points", CAMERA, None)
+    xyz_m = columns_of(np.full(360, 3.0), angles_rad)
+    times_s = np.repeat(times_s, len(xyz_m) // 360)
+    slicer.add([Points(n * 10**8, n * 10**8, xyz_m, time=times_s) for n in range(3)])
+    assert slicer.stream().in_order is turns
+
+
 def test_channels_that_fire_together_at_other_azimuths_are_in_order() -> None:
     angles_rad = np.deg2rad(np.arange(360) - 90.0)
     near, far = (columns_of(np.full(360, 3.0), angles_rad + off) for off in (0.0, np.deg2rad(3.0)))

@@ -97,7 +97,9 @@ class Calibration:
         by = _delays(stream, GYRO_DELAY, WHEEL_DELAY) + at_s * _delays(
             stream, GYRO_DRIFT, WHEEL_DRIFT
         )
-        return self._combined(by, shift_ns * 1e-9)
+        value_s, sigma_s, bound_s = self._combined(by, shift_ns * 1e-9)
+        by_scans_s = 0.0 if stream == "gyro_wheel" else self.inputs.instant_sigma_s
+        return value_s, float(np.hypot(sigma_s, by_scans_s)), bound_s
 
     def drift(self, stream: str) -> tuple[float, float, float]:
         """Growth of ``offset`` per second."""

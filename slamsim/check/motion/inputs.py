@@ -16,11 +16,15 @@ from slamsim.check.motion.laser_steps import LaserSteps, laser_steps
 from slamsim.core.geometry import se2_from_se3
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.guard.numbers import is_sound
-from slamsim.recording import RawImu, RawOdometry, Recording, TransformEdge
+from slamsim.recording import RawImu, RawOdometry, RawScans, Recording, TransformEdge
 from slamsim.recording.frame_graph import FrameGraph
 from slamsim.slam.laser.scan_motion import ScanMotions
 
 EVEN, EVEN_SHARE = 0.05, 0.98
+ORDER_LOST = 0.1
+"""Of the time between clouds. Azimuths of a rosette that a dog carries tilted by 60 degrees are
+seen at instants that scatter by a third of it, and some eight of them tell a turn. There the lidar
+came out 3.5 ms late, of 100."""
 SIDEWAYS_SHARE = 0.2
 """A gyroscope that turns less about the vertical, against another axis, is mounted otherwise."""
 
@@ -31,7 +35,8 @@ class Inputs:
 
     steps: as seen from above. T_base_laser: (3,) x, y, yaw as declared, None if nothing does;
     upside_down: whether it is declared so. even_stamps: whether the scans' stamps keep a constant
-    rate. together: whether odometry comes in the scans' messages.
+    rate. together: whether odometry comes in the scans' messages. instant_sigma_s: how unsure it is
+    when a scan was seen of which the order of the beams is lost.
     """
 
     steps: LaserSteps
@@ -43,6 +48,7 @@ class Inputs:
     upside_down: bool = False
     even_stamps: bool = True
     together: bool = False
+    instant_sigma_s: float = 0.0
 
 
 def gather_inputs(recording: Recording, motions: ScanMotions | None) -> Inputs:
@@ -73,6 +79,9 @@ def gather_inputs(recording: Recording, motions: ScanMotions | None) -> Inputs:
         upside_down,
         all(_even(scans.stamps_ns) for scans in recording.scans if scans.topic == steps.topic),
         not alone,
+        max(map(_instant_sigma_s, (one for one in recording.scans if one.topic == steps.topic)))
+        if len(steps)
+        else 0.0,
     )
 
 
@@ -114,6 +123,11 @@ def _even(stamps_ns: IntArray) -> bool:
     steps = np.diff(stamps_ns)
     period = float(np.median(steps)) if steps.size else 0.0
     return bool(steps.size and np.mean(np.abs(steps - period) < EVEN * period) > EVEN_SHARE)
+
+
+def _instant_sigma_s(scans: RawScans) -> float:
+    period_s = float(np.median(np.diff(scans.stamps_ns))) * 1e-9 if len(scans) > 1 else 0.0
+    return 0.0 if scans.in_order else ORDER_LOST * abs(period_s)
 
 
 def _gyro(imu: RawImu, graph: FrameGraph, base: str) -> IntegratedMotion | None:
