@@ -196,15 +196,23 @@ def test_declarations_that_contradict_the_readings(layout: ScanLayout, fault: st
     assert bad(range_findings(recorded(room(), layout))) == [fault]
 
 
-def test_a_tenth_of_the_scans_without_a_time_between_beams_is_told() -> None:
+@pytest.mark.parametrize(
+    ("wrong", "fault"),
+    [
+        (replace(LAYOUT, beam_dt_s=np.nan), "scan_layout"),
+        (replace(LAYOUT, range_max_m=0.0), "range_limits"),
+        (replace(LAYOUT, range_min_m=np.nan), "range_limits"),
+    ],
+)
+def test_a_tenth_of_the_scans_that_no_consumer_can_use_is_told(
+    wrong: ScanLayout, fault: str
+) -> None:
     of = recorded(room())
-    scans = of.scans[0]
-    untimed = replace(scans.layouts[0], beam_dt_s=np.nan)
-    some = np.where(np.arange(len(scans)) % 10 == 3, 1, 0).astype(np.int32)
-    scans = replace(scans, layouts=(*scans.layouts, untimed), layout_of=some)
+    some = (np.arange(len(of.scans[0])) % 10 == 3).astype(np.int32)
+    scans = replace(of.scans[0], layouts=(LAYOUT, wrong), layout_of=some)
     found = range_findings(of.with_streams(RawScans, [scans]))
-    assert bad(found) == ["scan_layout"]
-    assert any(f"in {some.sum()} of {len(scans)} scans" in each.words for each in found)
+    assert bad(found) == [fault]
+    assert any(f"{some.sum()} of {len(some)} scans" in each.words for each in found)
 
 
 def test_a_full_turn_may_count_its_first_beam_twice() -> None:

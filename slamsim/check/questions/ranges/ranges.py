@@ -96,7 +96,7 @@ def check_ranges(evidence: RecordingEvidence) -> list[Finding]:
             findings.append(wrong_unit(scans.topic, sample, unit))
             sample = sample.scaled(metres_of(unit))
         findings += [
-            _limits(scans.topic, sample),
+            _limits(scans, sample),
             check_no_return(scans.topic, sample, recording.format == "carmen"),
         ]
         sample = without_codes(sample)
@@ -192,13 +192,17 @@ def _intensities(scans: RawScans) -> Iterator[Finding]:
         )
 
 
-def _limits(topic: str, sample: ScanSample) -> Finding:
-    layout, readings = sample.layout, positive(sample)
-    if not layout.range_max_m > max(layout.range_min_m, 0.0):
+def _limits(scans: RawScans, sample: ScanSample) -> Finding:
+    topic, layout, readings = scans.topic, sample.layout, positive(sample)
+    limits_m = np.array([[one.range_min_m, one.range_max_m] for one in scans.layouts])
+    empty = ~(limits_m[:, 1] > np.maximum(limits_m[:, 0], 0.0))
+    without = empty[scans.layout_of]
+    if without.mean() > MAX_OUTSIDE_SHARE:
+        which = f"{without.sum()} of {len(scans):,} scans are"
         return judge(
             LIMITS,
             topic,
-            f"{declared(layout)}: no range can lie between",
+            f"{which} {declared(scans.layouts[int(empty.argmax())])}: no range can lie between",
             verdict="fault",
             advice="Declare what the data sheet of the lidar says.",
         )
