@@ -39,6 +39,15 @@ def test_scans_with_counted_stamps_do_not_tell_how_far_they_turn() -> None:
     assert names(bad("time.receipt", "/scan", "stamps_invented"), turned) == {"laser_angle_step"}
 
 
+def test_wheels_whose_stamps_scatter_tell_no_sizes_of_theirs() -> None:
+    scattered = bad("time.scatter", "/odom", "stamps_jitter")
+    sizes = [bad("wheels.radius", "/odom", "wheel_radius"), bad("gyro.scale", "/imu", "gyro_scale")]
+    assert names(scattered, *sizes) == {"stamps_jitter", "gyro_scale"}
+    assert names(bad("time.scatter", "/imu", "stamps_jitter"), sizes[0]) == {
+        *("stamps_jitter", "wheel_radius"),
+    }
+
+
 def test_a_sweep_that_is_too_long_explains_an_offset_up_to_its_length() -> None:
     long = replace(
         bad("time.overlap", "/scan", "scans_overlap"), estimate=Measurement(199.0, 0.0, "ms")

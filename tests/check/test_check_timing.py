@@ -225,6 +225,21 @@ def test_scans_that_do_not_turn_leave_the_others_comparable() -> None:
     assert named(replace(inputs, steps=steps)) == {"time_offset_wheels"}
 
 
+def test_readings_that_queue_up_before_they_are_stamped_lose_no_path() -> None:
+    """Twenty a second, each stamped when it is published, up to a tenth of a second late."""
+    ticks, rng = Robot().ticks(), np.random.default_rng(0)
+    every = max(round(0.05e9 / float(np.median(np.diff(ticks.stamps_ns)))), 1)
+    stamps_ns, counts = ticks.stamps_ns[::every], ticks.ticks[::every]
+    delays_ns = (0.033e9 * np.abs(rng.standard_normal(len(stamps_ns)))).astype(np.int64)
+    in_turn_ns = 100_000 * np.arange(len(stamps_ns))
+    published_ns = np.maximum.accumulate(stamps_ns + delays_ns - in_turn_ns) + in_turn_ns
+    assert (np.diff(published_ns) < 1_000_000).mean() > 0.05
+    late = integrated_wheels(replace(ticks, stamps_ns=published_ns, ticks=counts))
+    true = integrated_wheels(replace(ticks, stamps_ns=stamps_ns, ticks=counts))
+    assert late is not None and true is not None
+    np.testing.assert_allclose(late.totals[-1], true.totals[-1], atol=0.1)
+
+
 def test_slip_is_found_and_kept_out_of_the_fit() -> None:
     robot = Robot()
     ticks = robot.ticks()

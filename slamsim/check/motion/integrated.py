@@ -175,10 +175,12 @@ def integrated_wheels(ticks: RawTicks) -> IntegratedMotion | None:
     tick_m = metres_per_tick(ticks.ticks_per_revolution, ticks.wheel_radius_m)
     counts = np.column_stack([unwrapped(wheel) for wheel in ticks.ticks[good].T])
     steps = forward_and_turn(np.diff(counts, axis=0) * tick_m, ticks.track_m)
-    totals = _possible(steps, ticks.stamps_ns[good])
+    in_time = _in_time(steps, ticks.stamps_ns[good])
+    stamps, counts = ticks.stamps_ns[good][in_time], counts[in_time]
+    totals = _possible(forward_and_turn(np.diff(counts, axis=0) * tick_m, ticks.track_m), stamps)
     # Counts are rounded down: errors of one reading are uniform over a tick.
     reading = tick_m / np.sqrt(12.0) * np.array([np.sqrt(0.5), np.sqrt(2.0) / ticks.track_m])
-    return IntegratedMotion(ticks.topic, ticks.stamps_ns[good], totals, reading, ticks.track_m)
+    return IntegratedMotion(ticks.topic, stamps, totals, reading, ticks.track_m)
 
 
 def integrated_odometry(odometry: RawOdometry) -> IntegratedMotion | None:
@@ -190,6 +192,8 @@ def integrated_odometry(odometry: RawOdometry) -> IntegratedMotion | None:
     if good.size < LEAST_SAMPLES:
         return None
     stamps, poses = odometry.stamps_ns[good], poses[good]
+    in_time = _in_time(arcs_between(poses)[:, [0, 2]], stamps)
+    stamps, poses = stamps[in_time], poses[in_time]
     arcs = arcs_between(poses)
     totals = _possible(arcs[:, [0, 2]], stamps)
     read = pose_reading(PlanarTrajectory(stamps, poses))
@@ -227,6 +231,20 @@ def _unexplained(values: FloatArray, by: FloatArray) -> float:
     """Share of the squares of values (n,) that no multiple of others (n,) explains."""
     squares = float((values @ values) * (by @ by))
     return 1.0 - float(values @ by) ** 2 / squares if squares > 0.0 else 1.0
+
+
+def _in_time(steps: FloatArray, stamps_ns: IntArray) -> BoolArray:
+    """(n,) without samples that were stamped late, right before the next one.
+
+    Their step (n - 1, 2) to the next is one that no robot makes in that time, and that any makes in
+    the usual time between samples. Of samples that come together the last one is the least late.
+    """
+    own_s = np.diff(stamps_ns)[:, None] * 1e-9
+    usual_s = np.maximum(own_s, np.median(own_s))
+    most = USUAL_TIMES * np.quantile(np.abs(steps) / usual_s, 0.9, axis=0)
+    by_own, by_usual = ((np.abs(steps) > most * each).any(axis=1) for each in (own_s, usual_s))
+    late = by_own & ~by_usual
+    return np.append(~late, True)
 
 
 def _possible(steps: FloatArray, stamps_ns: IntArray) -> FloatArray:
