@@ -140,6 +140,18 @@ def test_coarse_stamps_that_scattered_before_they_were_rounded(begin_s: float) -
     assert rounding_step_s(np.diff(np.floor(10.0 * even_s) / 10.0)) == 0.1
 
 
+def test_stamps_as_even_as_the_step_they_are_rounded_to() -> None:
+    """At 10 Hz rounded to tenths: all fall near an edge, before or behind which is chance. Messages
+    that are repeated or held up do not."""
+    rng = np.random.default_rng(3)
+    even_s = 100.0 + 0.1 * np.arange(600)
+    scattered_s = even_s + 3e-4 * rng.standard_normal(600) + 2e-4 * np.sin(even_s / 5.0)
+    assert rounding_step_s(np.diff(np.floor(10.0 * scattered_s) / 10.0)) == 0.1
+    for share, late_s in ((0.04, -0.1), (0.04, 0.1), (0.2, -0.1)):
+        single = np.where(rng.random(600) < share, late_s, 0.0)
+        assert rounding_step_s(np.diff(np.maximum.accumulate(even_s + single))) == 0.0
+
+
 def test_single_precision_is_named_as_such() -> None:
     unix = stamps(10.0, 900.0, 1_700_000_000.0)
     single = np.asarray((unix * 1e-9).astype(np.float32).astype(np.float64) * 1e9, dtype=np.int64)

@@ -18,6 +18,9 @@ _TOGETHER = 8
 _RANDOM_SPREAD, _RANDOM_DRAWS = 2.0, 10
 """Sums over so many steps that they would scatter by so much, in steps of the grid, were messages
 lost at random: ten of these lie within two of each other in one of thousands of streams."""
+_STAYS_SHARE = 1.0 / 3.0
+"""Scatter about an edge leaves half of the stays longer than one message; of messages repeated at
+random, one in twenty, as many stay longer."""
 _STEPS_S = sorted(
     {
         *(2.0**power for power in range(-9, 8)),
@@ -66,14 +69,30 @@ def _is_rounded(counts: FloatArray, step_s: float) -> bool:
         return any(
             abs(power - round(power)) < 1e-9 for power in (np.log2(step_s), np.log10(step_s))
         )
+    values, times = np.unique(counts[counts != 0.0], return_counts=True)
+    usual = values[np.argmax(times)]
+    if _is_at_an_edge(counts - usual):
+        return True
     none = float((counts == 0.0).mean())
     if none > _REPEATED_SHARE:  # behind a stamp that is repeated lies a step that is too long
         return bool((counts > 1.0).mean() < 0.2 * none)
-    values, times = np.unique(counts[counts != 0.0], return_counts=True)
-    usual = values[np.argmax(times)]
     if (np.mod(counts, usual) != 0.0).mean() > _UNEVEN_SHARE:
         return True
     return _comes_regularly(counts, float(usual))
+
+
+def _is_at_an_edge(off: FloatArray) -> bool:
+    """Whether stamps as even as the grid scatter across one edge of it. off: (m,) of each step of
+    theirs from the usual one, in steps of the grid.
+
+    Too long and too short ones then take turns. From an edge they stay away for a while to either
+    side; where single messages are repeated, or held up, one follows the other at once.
+    """
+    gone = np.concatenate([[0.0], np.cumsum(off)])
+    lasts = np.diff(np.flatnonzero(off))
+    if np.ptp(gone) > 1.0 or lasts.size < 2 * _RANDOM_DRAWS:
+        return False
+    return all((lasts[side::2] > 1).mean() > _STAYS_SHARE for side in (0, 1))
 
 
 def _comes_regularly(counts: FloatArray, usual: float) -> bool:
