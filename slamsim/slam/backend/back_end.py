@@ -76,6 +76,7 @@ class BackEnd:
         self._taken: list[int] = []
         self._passed: list[OdometryStep | None] = []
         self._visits = Visits()
+        self._found = True
         self._held = 0
         self._suspected: list[Event] = []
         self._refusal: NotRefined | None = None
@@ -100,8 +101,9 @@ class BackEnd:
         with self._timed("key frames"):
             self._join(self._cut_off(keyframe), known=spacing_m > 0.0)
         if self._config.closures.enabled:
+            self._found = False
             with self._stage("closures"):
-                self._search.search(len(self.keyframes) - 1)
+                self._found = self._search.search(len(self.keyframes) - 1) > 0
         if self._solution.due():
             with self._stage("solve"):
                 self._solution.update()
@@ -248,6 +250,8 @@ class BackEnd:
     def _needed(self, keyframe: Keyframe, spacing_m: float) -> bool:
         """Whether a key frame must be kept, though what it sees may be mapped already."""
         if keyframe.broken or keyframe.doubt_ns is not None or not self.keyframes:
+            return True
+        if not self._found:  # as outdoors (fr-clinic): earlier passes do not hold the pose here
             return True
         return keyframe.path_m - self.keyframes[-1].path_m >= spacing_m
 

@@ -11,7 +11,7 @@ SECTORS = 4
 PASS_M = 10.0
 """Coming back after this much path is another pass."""
 
-ENOUGH_PASSES = 2
+ENOUGH_PASSES = 1
 KNOWN_TRAVEL_M = 3.0
 MOST_TRAVEL_M = 12.0
 """Path between key frames of a known place: more for each further pass, but at least one in so many
