@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import pytest
+from closure_scene import keyframes
 from hypothesis import given
 from hypothesis import strategies as st
+from simulated import box
 
+from slamsim.config.slam import SlamConfig
+from slamsim.core.types import FloatArray
+from slamsim.slam.backend.back_end import BackEnd
 from slamsim.slam.closures.visits import CELL_M, ENOUGH_PASSES, MOST_TRAVEL_M, PASS_M, Visits
 
 STEP_M = 0.5
@@ -62,3 +70,29 @@ def test_standing_about_is_one_pass() -> None:
     visits = Visits()
     spacings = [visits.spacing_m(np.array([0.5, 0.5, 0.0]), 0.01 * step) for step in range(200)]
     assert spacings == [0.0] * 200
+
+
+def room(wide_m: float, deep_m: float) -> FloatArray:
+    """(k, 4) walls of a room about the origin with two things in its corners."""
+    x_m, y_m = 0.5 * wide_m, 0.5 * deep_m
+    things = [box(-x_m, -y_m, 0.5 - x_m, 1.5 - y_m), box(x_m - 1.0, y_m - 0.7, x_m, y_m)]
+    return np.concatenate([box(-x_m, -y_m, x_m, y_m), *things])
+
+
+@pytest.mark.parametrize("elsewhere", [False, True])
+def test_a_place_is_known_only_where_the_robot_is_found_again(elsewhere: bool) -> None:
+    """After drift, a place where nobody was yet may seem to lie where the robot has been."""
+    each = 50
+    angles = np.linspace(0.0, 2.0 * np.pi, each, endpoint=False)
+    circle = 4.0 * np.column_stack([np.cos(angles), np.sin(angles), 0.0 * angles])
+    circle[:, 2] = angles + 0.5 * np.pi
+    frames = keyframes(room(14.0, 12.0), circle)
+    lap_m = frames[-1].path_m + 0.5
+    again = keyframes(room(11.0, 17.0) if elsewhere else room(14.0, 12.0), circle, each)
+    frames += [replace(k, index=k.index + each, path_m=k.path_m + lap_m) for k in again]
+    end = BackEnd(SlamConfig())
+    for frame in frames:
+        end.take(frame)
+    kept = sum(index >= each for index in end.kept)
+    assert kept >= each - 6 if elsewhere else kept <= each // 2  # the first 3 m may still be spared
+    assert len(end.kept) == kept + each
