@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from slamsim.check.diagnosis import explained
 from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding
 from slamsim.check.questions.inertial.gravity import check_inertial
+from slamsim.check.questions.inertial.readings import check_readings
 from slamsim.check.questions.ranges.ranges import check_ranges
 from slamsim.check.questions.streams.scan_times import check_scan_time
 from slamsim.check.scan_sample import sample_scans
@@ -538,7 +540,8 @@ def test_ranges_that_scatter_more_than_a_lidar_are_told(sigma_m: float, told: bo
         (33, 6, 1.0, False),  # a trot: 60 ms in the air
         (1999, 25, 0.5, False),  # down a step
         (200, 1, 0.0, True),  # a bus that reads nothing now and then
-        (1999, 60, 0.0, True),
+        (200, 3, 0.0, True),  # exactly 0 on all axes is no fall, however short
+        (1999, 60, 0.1, True),
         (200, 1, 45.0, True),
     ],
 )
@@ -551,3 +554,25 @@ def test_a_robot_that_falls_or_trots_feels_little_and_no_spikes(
         accelerations[begin : begin + lasts] *= felt_m_s2 / 9.81
     found = bad(felt(replace(imu, linear_acceleration_m_s2=accelerations)))
     assert found == (["imu_spikes"] if fault else [])
+
+
+def test_single_spikes_at_fifty_a_second_are_told_by_a_clock_that_is_slow_too() -> None:
+    imu = turning_imu()
+    accelerations = imu.linear_acceleration_m_s2.copy()
+    accelerations[20::200] *= 0.1
+    stamps_ns = np.arange(len(imu), dtype=np.int64) * 20_000_200
+    imu = replace(imu, stamps_ns=stamps_ns, linear_acceleration_m_s2=accelerations)
+    assert bad(felt(imu)) == ["imu_spikes"]
+
+
+def test_what_is_usual_is_sought_once_however_many_spikes_there_are() -> None:
+    imu = turning_imu()
+    accelerations = imu.linear_acceleration_m_s2.copy()
+    accelerations[5::50] *= 4.6
+    accelerations[1000] *= 8.0
+    imu = replace(imu, linear_acceleration_m_s2=accelerations)
+    with mock.patch.object(np, "median", wraps=np.median) as median:
+        found = list(check_readings(Recording("t", "mcap", streams=(imu,)), imu))
+    words = [one.words for one in found if one.fault == "imu_spikes"]
+    assert words[0].endswith(f"the farthest is {np.linalg.norm(accelerations[1000]):.3g}")
+    assert median.call_count < 5
