@@ -64,6 +64,8 @@ FAULTS = [
     (Robot(lidar_late_s=0.04, wheels_late_s=-0.2), {"scan_stamp_end", "time_offset_wheels"}),
     (Robot(lidar_late_s=0.02, gyro_late_s=0.1), {"scan_stamp_middle", "time_offset_imu"}),
     (Robot(gyro_scale=1.05), {"gyro_scale"}),
+    (Robot(gyro_scale=10.0, gyro_bias=0.02), {"gyro_scale"}),  # 0.115 deg/s of true turns
+    (Robot(gyro_scale=0.1, gyro_bias=0.005), {"gyro_scale", "gyro_bias"}),
     (Robot(gyro_scale=-1.0), {"gyro_sign"}),
     (Robot(gyro_scale=57.29578, noise=0.0), {"gyro_degrees"}),
     (Robot(gyro_bias=0.05), {"gyro_bias"}),

@@ -81,7 +81,10 @@ def check_gyro(calibration: Calibration, explained: Explanation) -> list[Finding
         return [unanswered(SCALE, gyro.topic, words)]
     if gyro.axis != "z":
         return [_sideways(gyro)]
-    return [_scale(calibration, gyro, explained.too_large["gyro"]), _bias(calibration, gyro)]
+    return [
+        _scale(calibration, gyro, explained.too_large["gyro"]),
+        _bias(calibration, gyro, "gyro" in explained.wrong),
+    ]
 
 
 GROUP = QuestionGroup("motion", 170, (AXIS, SCALE, BIAS), of_sizes(check_gyro), thorough=True)
@@ -124,7 +127,8 @@ def _in_degrees(read: float) -> bool:
     return abs(abs(read) / DEGREES - 1.0) < SAME_UNIT
 
 
-def _bias(calibration: Calibration, gyro: IntegratedMotion) -> Finding:
+def _bias(calibration: Calibration, gyro: IntegratedMotion, scaled: bool) -> Finding:
+    """scaled: whether its scale is wrong, and a bias within the limit as it turns reads so too."""
     # The fit's bias is of true turns: what it reads at rest has the scale of all that it reads.
     scale = 1.0 / calibration.value("gyro_gain")
     read = calibration.value("gyro_bias_rad_s") * scale
@@ -133,8 +137,9 @@ def _bias(calibration: Calibration, gyro: IntegratedMotion) -> Finding:
     return judge(
         BIAS,
         gyro.topic,
-        f"it turns by {np.degrees(read * to_rad):+.3g} deg/s at rest",
+        f"it reads {np.degrees(read * to_rad):+.3g} deg/s at rest",
         Measurement(read * to_rad, sigma * to_rad, "rad/s"),
+        limit=BIAS_LIMIT_RAD_S * (abs(scale) * to_rad if scaled else 1.0),
         advice="Subtract its mean at rest before use.",
         repairs=(Repair("subtract_gyro_bias", gyro.topic, {"bias_rad_s": read}),),
     )
