@@ -229,7 +229,8 @@ def test_one_long_gap_is_enough() -> None:
 def test_a_recorder_that_keeps_a_scan_each_half_metre_loses_none(lost: bool) -> None:
     """As logs that were thinned for a pose graph: steps are no whole numbers of the usual one, and
     long where the robot rests. What is missing while it drives is missing all the same."""
-    beat_s, speed_m_s = 0.44, np.random.default_rng(5).choice([0.24, 0.29], 6000, p=[0.3, 0.7])
+    beat_s, rng = 0.44, np.random.default_rng(5)
+    speed_m_s = np.repeat(rng.choice([0.14, 0.25, 0.29], 200, p=[0.2, 0.2, 0.6]), 30)
     speed_m_s[3000:3150] = 0.0
     since_s = beat_s * np.arange(speed_m_s.size)
     travel_m = np.concatenate([[0.0], np.cumsum(beat_s * speed_m_s[1:])])
@@ -245,6 +246,45 @@ def test_a_recorder_that_keeps_a_scan_each_half_metre_loses_none(lost: bool) -> 
     )
     (gaps,) = [f for f in stamp_findings(made) if f.check == "time.gaps" and f.subject == "/scan"]
     assert gaps.verdict == ("fault" if lost else "ok"), gaps.words
+
+
+def _hole(odometry: RawOdometry | None) -> Finding:
+    """About a lidar without a beat that is silent for 60 s, while the robot drives on."""
+    uneven = np.cumsum(np.random.default_rng(3).uniform(0.07e9, 0.3e9, 1000)).astype(np.int64)
+    uneven[500:] += 60_000_000_000
+    streams: list[RawStream] = [scans_at(uneven)]
+    streams += [] if odometry is None else [odometry]
+    found = stamp_findings(Recording("h", "memory", streams=tuple(streams)))
+    return next(f for f in found if f.check == "time.gaps" and f.subject == "/scan")
+
+
+@pytest.mark.parametrize(
+    "odometry", ["none", "stands", "elsewhere", "ends early", "no numbers", "drives"]
+)
+def test_no_odometry_hides_a_hole(odometry: str) -> None:
+    made = odometry_at(stamps(20.0, 260.0, 0.0))
+    kinds = {
+        "none": None,
+        "stands": replace(made, positions_m=0.0 * made.positions_m),
+        "elsewhere": odometry_at(stamps(20.0, 260.0, 1.7e9)),
+        "ends early": odometry_at(stamps(20.0, 60.0, 0.0)),
+        "no numbers": replace(made, positions_m=np.nan * made.positions_m),
+        "drives": made,
+    }
+    gaps = _hole(kinds[odometry])
+    assert gaps.fault == "stream_gaps" and "longest gap 60" in gaps.words
+
+
+def test_scans_that_come_late_or_twice_hide_no_gap() -> None:
+    """One in twelve a millisecond after another: no recorder that keeps scans by distance."""
+    at_ns = stamps(10.0, 200.0)
+    at_ns = np.delete(at_ns, slice(900, 982))
+    twice_ns = np.sort(np.append(at_ns, at_ns[::12] + 1_000_000))
+    made = (scans_at(twice_ns), odometry_at(stamps(20.0, 210.0, 95.0)))
+    found = stamp_findings(Recording("t", "memory", streams=made))
+    assert [f.fault for f in found if f.check == "time.gaps" and f.subject == "/scan"] == [
+        "stream_gaps"
+    ]
 
 
 def test_the_stream_of_another_epoch_is_named_and_put_back() -> None:

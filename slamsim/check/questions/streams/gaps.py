@@ -12,7 +12,7 @@ from slamsim.check.questions.streams.series import (
     is_even,
     usual_step_s,
 )
-from slamsim.core.types import FloatArray, IntArray
+from slamsim.core.types import IntArray
 
 MAX_MISSING_SHARE = 0.015
 MAX_GAP_S = {"lidar": 1.0, "wheels": 1.0, "imu": 0.25}
@@ -24,10 +24,10 @@ _USUAL_LOSS, _CHANCE = 0.005, 1e-4
 """A driver that loses this share of its messages is usual; what it could lose by chance in so many
 messages, but for one recording in ten thousand, is no fault."""
 
-_SHORT, _RARELY = 0.5, 0.05
-"""Of a period, and of the messages: a beat with messages missing has no more steps so short."""
-_USUAL_TRAVEL = 2.0
-"""A recorder that keeps a scan each so many metres keeps none that is this much farther."""
+_MOST, _EVEN_TRAVEL, _MORE_ALIKE, _FAR = 95.0, 1.5, 1.05, 2.0
+"""A recorder keeps a scan each so many metres if most steps (percentile) are no longer than so many
+usual ones, and by so much more alike in metres than in seconds. It lost some where a step is this
+many usual ones long."""
 
 _CAUGHT_UP, _LONG_STEPS = 0.75, 100
 """Of the messages that are due, about a step; of so many of the longest steps."""
@@ -52,11 +52,11 @@ def check_gaps(series: StampSeries, countable: bool) -> Finding:
     steps_s = series.ordered_steps_s
     if not steps_s.size:
         return unanswered(GAPS, series.subject, "all messages carry one and the same stamp")
+    if (by_distance := _by_distance(series)) is not None:
+        return by_distance
     period_s = usual_step_s(steps_s)
-    even = is_even(series.stamps_ns) and _is_least(period_s, steps_s)
     longest_s = _longest_s(np.sort(series.stamps_ns), period_s)
-    if not even:
-        longest_s = _longest_driven_s(series, longest_s)
+    even = is_even(series.stamps_ns)
     rate_period_s = period_s if even else float(np.mean(steps_s))
     longest_limit_s = (
         max(MAX_GAP_S[series.kind], MAX_GAP_PERIODS * period_s) if even else MAX_UNEVEN_GAP_S
@@ -69,11 +69,43 @@ def check_gaps(series: StampSeries, countable: bool) -> Finding:
     size, limit = Measurement(100.0 * share, 0.0, "%"), 100.0 * MAX_MISSING_SHARE
     if share <= MAX_MISSING_SHARE and longest_s > longest_limit_s:
         size, limit = Measurement(longest_s, 0.0, "s"), longest_limit_s
+    words = (
+        f"{1.0 / rate_period_s:.4g} messages a second, {missing} missing, longest gap "
+        f"{longest_s:.3g} s"
+    )
+    return _judged(series, words, size, limit)
+
+
+def _by_distance(series: StampSeries) -> Finding | None:
+    """The finding about a lidar whose scans were kept each so many metres, as for a pose graph: how
+    long it takes to the next one says nothing. None for any other stream."""
+    if series.travel_m is None:
+        return None
+    moved_m, steps_s = np.diff(series.travel_m), series.ordered_steps_s
+    usual_m, most_m = np.percentile(moved_m, [50.0, _MOST]).tolist()
+    usual_s, most_s = np.percentile(steps_s, [50.0, _MOST]).tolist()
+    if (
+        not 0.0 < most_m <= _EVEN_TRAVEL * usual_m
+        or most_s * usual_m <= _MORE_ALIKE * most_m * usual_s
+    ):
+        return None
+    far = moved_m > _FAR * usual_m
+    longest_s = float(steps_s[far].max(initial=0.0))
+    at = int(np.argmax(steps_s))
+    words = (
+        f"a message each {usual_m:.3g} m of the way; the longest gap is {steps_s[at]:.3g} s, in "
+        f"which the robot moved {moved_m[at]:.3g} m"
+    )
+    if far.any():
+        words += f"; up to {moved_m.max():.3g} m without a message"
+    return _judged(series, words, Measurement(longest_s, 0.0, "s"), MAX_UNEVEN_GAP_S)
+
+
+def _judged(series: StampSeries, words: str, size: Measurement, limit: float) -> Finding:
     return judge(
         GAPS,
         series.subject,
-        f"{1.0 / rate_period_s:.4g} messages a second, {missing} missing, longest gap "
-        f"{longest_s:.3g} s",
+        words,
         size,
         limit=limit,
         advice="Look for a full queue, a slow disk or a cable: what is missing cannot be repaired.",
@@ -92,21 +124,6 @@ def _longest_s(sorted_ns: IntArray, period_s: float) -> float:
         if until == since_s.size - 1 or until - at < _CAUGHT_UP * due:
             return float(steps_s[at])
     return float(np.median(steps_s))
-
-
-def _is_least(period_s: float, steps_s: FloatArray) -> bool:
-    """Whether hardly any messages come sooner: of a lidar that is recorded each half metre the
-    usual step is as long as the robot takes for it, and a turn makes it shorter."""
-    return bool((steps_s < _SHORT * period_s).mean() <= _RARELY)
-
-
-def _longest_driven_s(series: StampSeries, longest_s: float) -> float:
-    """The longest step in which the robot moved farther than from one message to the next."""
-    if series.travel_m is None:
-        return longest_s
-    moved_m, steps_s = np.diff(series.travel_m), np.diff(series.instants_ns) * 1e-9
-    far = moved_m > _USUAL_TRAVEL * np.median(moved_m)
-    return float(min(steps_s[far].max(initial=0.0), longest_s))
 
 
 def steps_plot(series: StampSeries, *limits: float) -> Plot:

@@ -10,7 +10,7 @@ import numpy as np
 
 from slamsim.core.quantiles import SIGMAS_PER_MEDIAN
 from slamsim.core.types import FloatArray, IntArray
-from slamsim.recording import Recording
+from slamsim.recording import RawOdometry, Recording
 from slamsim.recording.edits.beams import scan_durations_ns
 from slamsim.recording.edits.stamps import are_copies
 
@@ -34,7 +34,7 @@ to be lost, or they come in bursts."""
 class StampSeries:
     """stamps_ns: (n,) in the order of the file. received_ns: (n,) on the clock of the stamps if
     the recording tells how, None if unknown. lasts_ns: (n,) from stamp to the end of measuring.
-    travel_m: of a lidar, (m,) path driven by odometry until each distinct stamp, None without any.
+    odometries: of a lidar, what may tell how far the robot drove from one scan to the next.
     """
 
     subject: str
@@ -42,7 +42,7 @@ class StampSeries:
     stamps_ns: IntArray
     received_ns: IntArray | None
     lasts_ns: IntArray
-    travel_m: FloatArray | None = None
+    odometries: tuple[RawOdometry, ...] = ()
 
     def __len__(self) -> int:
         return int(self.stamps_ns.size)
@@ -82,6 +82,25 @@ class StampSeries:
         elapsed_ns = instants_ns[apart:] - instants_ns[:-apart]
         return float(np.median(elapsed_ns)) * 1e-9 / apart if elapsed_ns.size else 0.0
 
+    @cached_property
+    def travel_m(self) -> FloatArray | None:
+        """(m,) path driven until each distinct stamp, by the first odometry that drives and covers
+        all of them; None without one."""
+        since_s = (self.instants_ns - self.instants_ns[:1]) * 1e-9
+        for odometry in self.odometries:
+            stamps_ns, first = np.unique(odometry.stamps_ns, return_index=True)
+            positions_m = odometry.positions_m[first]
+            if stamps_ns.size < 2 or not np.isfinite(positions_m).all():
+                continue
+            at_s = (stamps_ns - self.instants_ns[0]) * 1e-9
+            driven_m = np.append(
+                0.0, np.cumsum(np.linalg.norm(np.diff(positions_m, axis=0), axis=1))
+            )
+            covers = at_s[0] <= self.period_s and at_s[-1] >= since_s[-1] - self.period_s
+            if covers and 0.0 < driven_m[-1] < np.inf:
+                return np.asarray(np.interp(since_s, at_s, driven_m))
+        return None
+
     @property
     def latency_s(self) -> FloatArray | None:
         """(n,) from the stamp until the message was received; None if the two cannot be compared.
@@ -106,7 +125,7 @@ def series_of(recording: Recording) -> list[StampSeries]:
         replace(
             _instants(s.topic, "lidar", s.stamps_ns, s.received_ns),
             lasts_ns=scan_durations_ns(s),
-            travel_m=_travel_m(recording, np.unique(s.stamps_ns)),
+            odometries=recording.odometries,
         )
         for s in recording.scans
     ]
@@ -205,20 +224,6 @@ def is_even(stamps_ns: IntArray) -> bool:
         return True
     scatter_s = beat_scatter_s(stamps_ns)
     return scatter_s is not None and scatter_s < _EVEN_SHARE * period_s
-
-
-def _travel_m(recording: Recording, instants_ns: IntArray) -> FloatArray | None:
-    """(m,) path by the first odometry until each of these instants (m,)."""
-    for odometry in recording.odometries:
-        stamps_ns, first = np.unique(odometry.stamps_ns, return_index=True)
-        if stamps_ns.size > 1:
-            steps_m = np.linalg.norm(np.diff(odometry.positions_m[first], axis=0), axis=1)
-            driven_m = np.concatenate([[0.0], np.cumsum(np.nan_to_num(steps_m))])
-            since_s, at_s = (
-                t * 1e-9 for t in (stamps_ns - stamps_ns[0], instants_ns - stamps_ns[0])
-            )
-            return np.asarray(np.interp(at_s, since_s, driven_m))
-    return None
 
 
 def _instants(
