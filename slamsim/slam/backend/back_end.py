@@ -32,7 +32,7 @@ from slamsim.slam.closures.pending import witnesses
 from slamsim.slam.closures.search import ClosureSearch
 from slamsim.slam.closures.submap_cutter import SubmapCutter
 from slamsim.slam.closures.submaps import WALL_MARGIN_M, Submap
-from slamsim.slam.closures.visits import Visits
+from slamsim.slam.closures.visits import Visits, spacing_m
 from slamsim.slam.closures.whole_part import WholeParts
 from slamsim.slam.failures import Failures
 from slamsim.slam.frontend.keyframes import LEAST_MOTION, Keyframe, begins_drive, chain_edge
@@ -76,7 +76,8 @@ class BackEnd:
         self._taken: list[int] = []
         self._passed: list[OdometryStep | None] = []
         self._visits = Visits()
-        self._found = True
+        self._found = False
+        """Whether closures hold the last key frame."""
         self._held = 0
         self._suspected: list[Event] = []
         self._refusal: NotRefined | None = None
@@ -94,14 +95,14 @@ class BackEnd:
 
         Where the robot has often been, only one in a few metres is kept, to hold the pose.
         """
-        spacing_m = self._spacing_m(keyframe)
-        if not self._needed(keyframe, spacing_m):
+        apart_m = self._apart_m(keyframe)
+        if not self._needed(keyframe, apart_m):
             self._passed.append(keyframe.odometry)
             return
         with self._timed("key frames"):
-            self._join(self._cut_off(keyframe), known=spacing_m > 0.0)
+            self._join(self._cut_off(keyframe), known=apart_m > 0.0)
         if self._config.closures.enabled:
-            self._found = False
+            self._found = False  # if the search fails
             with self._stage("closures"):
                 self._found = self._search.search(len(self.keyframes) - 1) > 0
         if self._solution.due():
@@ -119,12 +120,14 @@ class BackEnd:
 
         kept: the indices of those that it kept, None for all. poses: (n, 3) of its solution.
         """
+        closed = {edge.target for edge in closures}
         for keyframe in keyframes:
-            spacing_m = self._spacing_m(keyframe)
+            self._found = len(self.keyframes) - 1 in closed
+            apart_m = self._apart_m(keyframe)
             if kept is not None and keyframe.index not in kept:
                 self._passed.append(keyframe.odometry)
             else:
-                self._join(keyframe, known=spacing_m > 0.0)
+                self._join(keyframe, known=apart_m > 0.0)
         if poses is not None:
             self._solution.estimate.move(poses)
         if closures:
@@ -239,21 +242,19 @@ class BackEnd:
         begun = self._solution.parts.withdrawn
         return frozenset(self.keyframes[number].stamp_ns for number in begun)
 
-    def _spacing_m(self, keyframe: Keyframe) -> float:
+    def _apart_m(self, keyframe: Keyframe) -> float:
         """Path from one key frame to the next to keep where this one is, 0 where all are."""
         T_map_base = keyframe.T_map_base
         if self.keyframes:
             step = between(self.keyframes[-1].T_map_base, T_map_base)
             T_map_base = compose(self._solution.poses[-1], step)
-        return self._visits.spacing_m(T_map_base, keyframe.path_m)
+        return spacing_m(self._visits.passes(T_map_base, keyframe.path_m), self._found)
 
-    def _needed(self, keyframe: Keyframe, spacing_m: float) -> bool:
+    def _needed(self, keyframe: Keyframe, apart_m: float) -> bool:
         """Whether a key frame must be kept, though what it sees may be mapped already."""
         if keyframe.broken or keyframe.doubt_ns is not None or not self.keyframes:
             return True
-        if not self._found:  # as outdoors (fr-clinic): earlier passes do not hold the pose here
-            return True
-        return keyframe.path_m - self.keyframes[-1].path_m >= spacing_m
+        return keyframe.path_m - self.keyframes[-1].path_m >= apart_m
 
     def _cut_off(self, keyframe: Keyframe) -> Keyframe:
         """Before a doubtful key frame that contradicts what was seen just before, the robot may
@@ -421,26 +422,26 @@ class BackEnd:
             return
         if recalibration.moves_chain:
             before, poses = self._solution.believed, self.poses
-            self._solve_calibrated(recalibration)
-            if self._are_evidence(before - self._solution.believed):
-                recalibration.doubt_noise()
-                self._solution.estimate.move(poses)
-                self._solve_calibrated(recalibration)
+            self._solve_calibrated(recalibration, poses)
+            lost = before - self._solution.believed
+            are_evidence = self._witnesses(lost) >= self._config.closures.min_support
+            if are_evidence and recalibration.doubt_unseen_noise():
+                self._solve_calibrated(recalibration, poses)
         self._cutter.keyframes[self._held :] = recalibration.keyframes()
         self.calibration = recalibration.solved
         self._odometry_noise = recalibration.solved.noise
 
-    def _are_evidence(self, closures: set[tuple[int, int]]) -> bool:
-        """Whether so many of closures (source, target) share no scans that they are no accident."""
-        limits = self._config.closures
+    def _witnesses(self, closures: set[tuple[int, int]]) -> int:
+        """How many of closures (source, target) share no scans."""
         seen = [(self.keyframes[target].path_m, 1) for _, target in closures]
-        return witnesses(seen, limits.query_travel_m) >= limits.min_support
+        return witnesses(seen, self._config.closures.query_travel_m)
 
-    def _solve_calibrated(self, recalibration: Recalibration) -> None:
-        """Poses and calibration in turn, each given the other."""
+    def _solve_calibrated(self, recalibration: Recalibration, begin: FloatArray) -> None:
+        """Poses, sought from ``begin`` (n, 3), and calibration in turn, each given the other."""
         for _ in range(CALIBRATION_ROUNDS):
-            self._solution.solve_with(recalibration.chain(self._config.graph))
+            self._solution.solve_with(recalibration.chain(self._config.graph), begin)
             recalibration.close(self.poses, self._solution.edges)
+            begin = self.poses
 
     def _refine(self) -> FloatArray | None:
         """Move the key frames to where all views agree best.

@@ -198,19 +198,19 @@ class Solution:
         self.estimate.move(self._graph.update(self.poses))
         self._renew_covariances()
 
-    def solve(self) -> None:
-        """The full solution."""
-        self.estimate.move(self._graph.solve(self.poses))
+    def solve(self, begin: FloatArray | None = None) -> None:
+        """The full solution, sought from the poses as they are, or from ``begin`` (n, 3)."""
+        self.estimate.move(self._graph.solve(self.poses if begin is None else begin))
         self._renew_covariances()
         self._unsolved.clear()
 
-    def solve_with(self, chain: Sequence[GraphEdge]) -> None:
+    def solve_with(self, chain: Sequence[GraphEdge], begin: FloatArray | None = None) -> None:
         """The full solution with these in the place of the edges that joined the same poses, which
-        come back if there is none."""
+        come back if there is none. begin: (n, 3), as for ``solve``."""
         before = [edge for edge in self._graph.edges if edge.kind != "closure"]
         try:
             self._graph.renew(chain)
-            self.solve()
+            self.solve(begin)
         except Exception:
             self._graph.renew(before)
             raise

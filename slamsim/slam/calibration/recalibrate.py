@@ -13,6 +13,7 @@ from slamsim.config.slam import MotionConfig
 from slamsim.core.geometry import between
 from slamsim.core.result import GraphEdge
 from slamsim.core.types import FloatArray
+from slamsim.slam.calibration.online import FACTORS
 from slamsim.slam.calibration.solve import (
     FREE_SHARE,
     Interval,
@@ -23,7 +24,6 @@ from slamsim.slam.calibration.solve import (
     solve_calibration,
 )
 from slamsim.slam.frontend.keyframes import Keyframe, chain_edge
-from slamsim.slam.frontend.preintegration import OdometryNoise
 
 
 class Recalibration:
@@ -55,17 +55,21 @@ class Recalibration:
         noise = self.solved.noise
         return any(np.trace(freedom(one, noise)) > FREE_SHARE for one in self._intervals.values())
 
-    def doubt_noise(self) -> None:
-        """Odometry errs by no less than it is configured to, whatever the matches showed of it.
+    def doubt_unseen_noise(self) -> bool:
+        """Odometry of which matches showed no noise at all errs by as much as it is configured to;
+        whether there is any such noise.
 
-        They show it where walls hold the robot. What follows other scans, or slips on a ramp, errs
-        by more where none do.
+        Matches show it where walls hold the robot. No wheels are that exact, but what follows other
+        scans is, and errs by more where no walls are. Noise that was seen holds everywhere: what it
+        refutes are closures of places that look alike.
         """
-        if self.solved is not None and self._alone is not None:
-            noise = self._alone.noise
-            factors = [max(factor, 1.0) for factor in (noise.path, noise.turn, noise.gyro)]
-            noise = OdometryNoise(noise.config, *factors)
-            self._alone = self.solved = replace(self._alone, noise=noise)
+        if self.solved is None or self._alone is None:
+            return False
+        noise = self._alone.noise
+        path, turn = (1.0 if f <= FACTORS[0] else f for f in (noise.path, noise.turn))
+        doubted = replace(noise, path=path, turn=turn)
+        self._alone = self.solved = replace(self._alone, noise=doubted)
+        return doubted != noise
 
     def chain(self, config: GraphConfig) -> list[GraphEdge]:
         """The edges from each key frame to the next, odometry calibrated and as sure as it was."""
