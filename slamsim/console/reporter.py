@@ -122,10 +122,9 @@ class RateColumn(ProgressColumn):
     """Units of work per second of wall time; for simulated seconds that is the real-time factor."""
 
     def render(self, task: Task) -> Text:
-        # Of the whole once it is done: the last seconds may have been spent on something else.
         speed, unit = task.speed, task.fields.get("unit")
-        if task.finished_time:
-            speed = task.completed / task.finished_time
+        if task.finished_time:  # of all that was counted: rich knows the last half minute alone
+            speed = task.fields.get("counted", task.completed) / task.finished_time
         return Text(f"{as_number(speed, 3)} {unit}" if speed and unit else "", style="cyan")
 
 
@@ -178,7 +177,7 @@ class Reporter:
             yield listen
             shown = bars.tasks[0]
             total = shown.total or shown.completed or 1.0
-            bars.update(task, completed=total, total=total)
+            bars.update(task, completed=total, total=total, counted=shown.completed)
 
     @contextmanager
     def bars(self, *columns: ProgressColumn) -> Iterator[Progress]:

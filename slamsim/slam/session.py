@@ -41,7 +41,8 @@ from slamsim.slam.online.sync_back_end import MapKeeper, SyncBackEnd
 from slamsim.slam.online.warm import warm_up
 
 FINISH_SHARE, SEARCH_SHARE = 0.2, 0.5
-"""Part of the progress that the finish takes, and part of the finish that its searches take."""
+"""Part of the progress that the finish takes, and part of the finish that its searches take. Until
+then scans count for less than one, so that the time that is left is told rightly."""
 
 
 class SlamSession:
@@ -359,10 +360,13 @@ def odometry_of(log: Log) -> Odometry | None:
 
 
 def _rest_of(progress: Progress, done_before: float, whole: float) -> Progress:
-    """Progress of the searches of the finish, after which the solution is still to come."""
+    """Progress of the searches of the finish, after which the solution is still to come. If all is
+    searched once more, it waits."""
+    most = 0.0
 
     def report(done: float, total: float) -> None:
-        share = SEARCH_SHARE * done / max(total, 1.0)
-        progress(done_before + (whole - done_before) * share, whole)
+        nonlocal most
+        most = max(most, SEARCH_SHARE * done / max(total, 1.0))
+        progress(done_before + (whole - done_before) * most, whole)
 
     return report

@@ -198,3 +198,7 @@ def test_the_rate_of_a_finished_stage_is_that_of_all_of_it() -> None:
     for now_s[0], done in ((1.0, 10.0), (600.0, 3000.0), (601.0, 4000.0)):
         bars.update(number, completed=done)
     assert RateColumn().render(bars.tasks[0]).plain == "6.66 scans/s"
+    bars.update(number, counted=1200.0)  # it ended before all was done
+    assert RateColumn().render(bars.tasks[0]).plain == "2 scans/s"
+    bars.update(number, counted=0.0)
+    assert RateColumn().render(bars.tasks[0]).plain == ""

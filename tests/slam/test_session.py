@@ -25,7 +25,7 @@ from slamsim.core.result import SlamResult
 from slamsim.core.types import Log, PlanarTrajectory, Scan
 from slamsim.guard.errors import SlamsimError
 from slamsim.slam.mapping.grid import build_grid
-from slamsim.slam.session import run_slam
+from slamsim.slam.session import _rest_of, run_slam
 
 ALONE = SlamConfig(calibrate_laser=False)
 """Half of what a short log costs is the calibration of its laser, which has tests of its own."""
@@ -168,3 +168,12 @@ def test_a_robot_that_stands_still_stays_one_key_frame() -> None:
     slam = run_slam(resting.log, SlamConfig())
     assert len(slam.graph.keyframes) == 1
     assert np.abs(slam.trajectory.poses - slam.trajectory.poses[0]).max() < 0.01
+
+
+def test_the_progress_of_slam_never_goes_back_and_ends_with_it() -> None:
+    told: list[tuple[float, float]] = []
+    report = _rest_of(lambda done, whole: told.append((done, whole)), 80.0, 100.0)
+    for done in (1.0, 9.0, 10.0, 1.0, 5.0):  # searched once more from the start
+        report(done, 10.0)
+    assert all(one[0] <= other[0] for one, other in pairwise(told))
+    assert told[0][0] >= 80.0 and told[-1] == (90.0, 100.0)
