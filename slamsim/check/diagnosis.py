@@ -25,6 +25,11 @@ MOST_MOVED = {
 instants by no more than so many times their length, or their scatter: delays of one sign are on
 average no more than twice as long as they scatter."""
 
+MOST_SIZED = 1.5
+"""Per cent of a size of the wheels per millisecond by which their stamps scatter. Of 80 drives
+with wheels at 10 to 50 Hz, stamped 5 to 50 ms late or early, the largest was 22 % at 24 ms; at up
+to 15 ms it was 5 %."""
+
 OFFSETS = (*LIDAR_TIMES, "time_offset_imu", "time_offset_wheels")
 
 UNTIL_TURNS_AGREE = (*SIZES, "range_offset", "stamps_invented")
@@ -214,9 +219,18 @@ def _follows(finding: Finding, cause: Finding, lidars: set[str]) -> bool:
 
 
 def _is_larger(finding: Finding, cause: Finding) -> bool:
-    """Whether an offset is more than the other fault can make of the stamps."""
-    if cause.fault not in MOST_MOVED or finding.fault not in OFFSETS:
-        return False
+    """Whether an offset, or a size, is more than the other fault can make of the stamps."""
     if finding.estimate is None or cause.estimate is None:
         return False
-    return abs(finding.estimate.value) > MOST_MOVED[cause.fault] * abs(cause.estimate.value)
+    most = None
+    if finding.fault in OFFSETS:
+        most = MOST_MOVED.get(cause.fault or "")
+    elif cause.fault == "stamps_jitter" and _is_size_of(finding, cause.subject):
+        most = MOST_SIZED
+    return most is not None and abs(finding.estimate.value) > most * abs(cause.estimate.value)
+
+
+def _is_size_of(finding: Finding, wheels: str) -> bool:
+    """Whether it is a size of these wheels in per cent."""
+    sized = finding.fault in ("wheel_radius", "wheel_track") and finding.subject == wheels
+    return sized and finding.estimate is not None and finding.estimate.unit == "%"

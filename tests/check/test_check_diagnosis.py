@@ -48,6 +48,17 @@ def test_wheels_whose_stamps_scatter_tell_no_sizes_of_theirs() -> None:
     }
 
 
+def test_scattered_stamps_hide_no_sizes_larger_than_they_make() -> None:
+    scattered = replace(
+        bad("time.scatter", "/odom", "stamps_jitter"), estimate=Measurement(6.0, 0.1, "ms")
+    )
+    for percent, told in ((-4.0, set()), (30.0, {"wheel_radius"})):
+        radius = replace(
+            bad("wheels.radius", "/odom", "wheel_radius"), estimate=Measurement(percent, 0.1, "%")
+        )
+        assert names(scattered, radius) == {"stamps_jitter", *told}
+
+
 def test_a_sweep_that_is_too_long_explains_an_offset_up_to_its_length() -> None:
     long = replace(
         bad("time.overlap", "/scan", "scans_overlap"), estimate=Measurement(199.0, 0.0, "ms")

@@ -89,7 +89,8 @@ SCATTER = Question(
                 lidar_stamps(*BY_SCANS),
                 anywhere(*LIDAR_TIMES, "time_offset_imu", "time_offset_wheels"),
                 same_subject("stamps_backward", "stamps_future"),
-                # Stamped up to a step late, wheels of the right size looked 4 % too small.
+                # Stamped up to a step late, wheels of the right size looked 4 % too small: up to
+                # ``diagnosis.MOST_SIZED``.
                 same_subject("wheel_radius", "wheel_track", "wheel_slip"),
             ),
         ),
