@@ -242,6 +242,18 @@ def test_readings_that_queue_up_before_they_are_stamped_lose_no_path() -> None:
     np.testing.assert_allclose(late.totals[-1], true.totals[-1], atol=0.1)
 
 
+def test_readings_that_are_stamped_late_lose_no_path_of_a_robot_that_mostly_stands() -> None:
+    ticks = Robot().ticks()
+    counts = np.vstack([np.repeat(ticks.ticks[:1], 19 * len(ticks), axis=0), ticks.ticks])
+    stamps_ns = np.arange(len(counts), dtype=np.int64) * 20_000_000
+    late_ns = stamps_ns.copy()
+    late_ns[1:-1:4] = stamps_ns[2::4] - 20_000
+    late = integrated_wheels(replace(ticks, stamps_ns=late_ns, ticks=counts))
+    true = integrated_wheels(replace(ticks, stamps_ns=stamps_ns, ticks=counts))
+    assert late is not None and true is not None
+    np.testing.assert_allclose(late.totals[-1], true.totals[-1], atol=0.1)
+
+
 def test_slip_is_found_and_kept_out_of_the_fit() -> None:
     robot = Robot()
     ticks = robot.ticks()

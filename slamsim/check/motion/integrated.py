@@ -29,6 +29,7 @@ from slamsim.models.differential_drive import (
 )
 from slamsim.models.wheel_gyro import turn_at_midpoints
 from slamsim.recording import RawImu, RawOdometry, RawTicks
+from slamsim.recording.cleaning.scans import MOVING_M_S, MOVING_RAD_S
 
 GAP_PERIODS = 4.0
 """A pause this many times the usual period is a gap, across which there is no motion."""
@@ -175,7 +176,7 @@ def integrated_wheels(ticks: RawTicks) -> IntegratedMotion | None:
     tick_m = metres_per_tick(ticks.ticks_per_revolution, ticks.wheel_radius_m)
     counts = np.column_stack([unwrapped(wheel) for wheel in ticks.ticks[good].T])
     steps = forward_and_turn(np.diff(counts, axis=0) * tick_m, ticks.track_m)
-    in_time = _in_time(steps, ticks.stamps_ns[good])
+    in_time = _stamped_in_time(steps, ticks.stamps_ns[good])
     stamps, counts = ticks.stamps_ns[good][in_time], counts[in_time]
     totals = _possible(forward_and_turn(np.diff(counts, axis=0) * tick_m, ticks.track_m), stamps)
     # Counts are rounded down: errors of one reading are uniform over a tick.
@@ -192,7 +193,7 @@ def integrated_odometry(odometry: RawOdometry) -> IntegratedMotion | None:
     if good.size < LEAST_SAMPLES:
         return None
     stamps, poses = odometry.stamps_ns[good], poses[good]
-    in_time = _in_time(arcs_between(poses)[:, [0, 2]], stamps)
+    in_time = _stamped_in_time(arcs_between(poses)[:, [0, 2]], stamps)
     stamps, poses = stamps[in_time], poses[in_time]
     arcs = arcs_between(poses)
     totals = _possible(arcs[:, [0, 2]], stamps)
@@ -233,15 +234,20 @@ def _unexplained(values: FloatArray, by: FloatArray) -> float:
     return 1.0 - float(values @ by) ** 2 / squares if squares > 0.0 else 1.0
 
 
-def _in_time(steps: FloatArray, stamps_ns: IntArray) -> BoolArray:
-    """(n,) without samples that were stamped late, right before the next one.
+def _stamped_in_time(steps: FloatArray, stamps_ns: IntArray) -> BoolArray:
+    """(n,) which samples were not stamped late, right before the next one.
 
-    Their step (n - 1, 2) to the next is one that no robot makes in that time, and that any makes in
-    the usual time between samples. Of samples that come together the last one is the least late.
+    The step (n - 1, 2) of a late one to the next is one that no robot makes in that time, and that
+    any makes in the usual time between samples. Of samples that come together the last one is the
+    least late.
     """
     own_s = np.diff(stamps_ns)[:, None] * 1e-9
     usual_s = np.maximum(own_s, np.median(own_s))
-    most = USUAL_TIMES * np.quantile(np.abs(steps) / usual_s, 0.9, axis=0)
+    speeds = zip((np.abs(steps) / usual_s).T, (MOVING_M_S, MOVING_RAD_S), strict=True)
+    # Of steps that move: a robot that mostly stands is not fast where it drives.
+    most = USUAL_TIMES * np.array(
+        [np.quantile(np.append(speed[speed > least], least), 0.9) for speed, least in speeds]
+    )
     by_own, by_usual = ((np.abs(steps) > most * each).any(axis=1) for each in (own_s, usual_s))
     late = by_own & ~by_usual
     return np.append(~late, True)
