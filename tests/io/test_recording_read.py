@@ -23,6 +23,7 @@ from slamsim.guard.errors import InputRefused, NotFound, OverrideRefused
 from slamsim.io.copy.recording import copy_recording
 from slamsim.io.open import read_recording
 from slamsim.io.parquet.writer import ParquetLog
+from slamsim.io.ros.message_types import register
 from slamsim.io.selection import Selection
 from slamsim.recording import Origin, Recording, row_store
 from slamsim.recording.row_store import RowStore
@@ -132,6 +133,13 @@ def test_a_bag_from_before_2011_has_headers_of_another_package(tmp_path: Path) -
     copy_recording(old, found, found, tmp_path / "fixed")
     (copied,) = (tmp_path / "fixed").glob("*.bag")
     assert_same(read_recording(copied), found)
+
+
+def test_a_header_of_a_package_with_a_like_name_stays_its_own() -> None:
+    store = get_typestore(Stores.ROS1_NOETIC)
+    text = f"acme_roslib/Header header\n{'=' * 80}\nMSG: acme_roslib/Header\nfloat64 more\n"
+    register(store, "acme_msgs/msg/Thing", "ros1msg", text)
+    assert [name for name, _ in store.fielddefs["acme_roslib/msg/Header"][1]] == ["more"]
 
 
 def test_our_own_file_comes_back_without_its_truth(tmp_path: Path) -> None:

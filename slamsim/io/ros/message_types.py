@@ -131,7 +131,8 @@ def register(store: Typestore, name: str, encoding: str, text: str) -> None:
     """
     if encoding in ("ros2msg", "ros1msg"):
         # Until 2011 (ROS Diamondback) the header was a type of roslib; its fields were the same.
-        text = text.replace("roslib/Header", "std_msgs/Header") if encoding == "ros1msg" else text
+        if encoding == "ros1msg":
+            text = re.sub(r"\broslib/Header\b", "std_msgs/Header", text)
         store.register(get_types_from_msg(text, name))
     elif encoding in ("ros2idl", "omgidl"):
         for part in text.split(_IDL_RULE):
