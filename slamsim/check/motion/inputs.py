@@ -65,23 +65,22 @@ def gather_inputs(recording: Recording, motions: ScanMotions | None) -> Inputs:
     laser_frame = next(iter(frames.get(steps.topic, ())), "")
     T_base_laser = graph.between(base, laser_frame)
     upside_down = T_base_laser is not None and bool(T_base_laser[2, 2] < 0.0)
+    compared = [scans for scans in recording.scans if scans.topic == steps.topic]
     return Inputs(
-        from_above(steps) if upside_down else steps,
-        _first([_gyro(imu, graph, base) for imu in recording.imus]),
-        _first(
+        steps=from_above(steps) if upside_down else steps,
+        gyro=_first([_gyro(imu, graph, base) for imu in recording.imus]),
+        wheels=_first(
             [integrated_wheels(ticks) for ticks in recording.ticks]
             + [integrated_odometry(odometry) for odometry in recording.odometries]
             + [integrated_odometry(as_odometry(edge)) for edge in _odometry_edges(recording, base)]
         ),
-        base,
-        laser_frame,
-        None if T_base_laser is None else se2_from_se3(T_base_laser),
-        upside_down,
-        all(_even(scans.stamps_ns) for scans in recording.scans if scans.topic == steps.topic),
-        not alone,
-        max(map(_instant_sigma_s, (one for one in recording.scans if one.topic == steps.topic)))
-        if len(steps)
-        else 0.0,
+        base_frame=base,
+        laser_frame=laser_frame,
+        T_base_laser=None if T_base_laser is None else se2_from_se3(T_base_laser),
+        upside_down=upside_down,
+        even_stamps=all(_even(scans.stamps_ns) for scans in compared),
+        together=not alone,
+        instant_sigma_s=max(map(_instant_sigma_s, compared), default=0.0),
     )
 
 
