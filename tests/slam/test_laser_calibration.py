@@ -241,9 +241,22 @@ def test_where_poses_are_the_lasers_no_mount_is_looked_for() -> None:
 
 def test_a_turned_laser_at_the_origin_stays_there() -> None:
     turned = matrix(np.array([0.0, 0.0, MOUNT[2]]))
-    found = found_in(LaserErrors(yaw_rad=0.035).of(replace(healthy(0).log, T_base_laser=turned)))
+    log = LaserErrors(yaw_rad=0.035).of(replace(healthy(0).log, T_base_laser=turned))
+    found = laser_of(log, odometry_of(log), SlamConfig(), Failures())
     assert found.corrected.tolist() == [False, False, False, False, False, True]
     assert abs(found.values[3] - MOUNT[0]) < 4.0 * found.sigmas[3], "told, but not corrected"
+
+
+def test_one_lidar_is_moved_by_nothing_but_its_own_doubt() -> None:
+    """A corrected yaw takes no place along that is within the tolerance of poses."""
+    simulated = healthy(0)
+    poses = PlanarTrajectory(
+        simulated.truth.stamps_ns, compose(simulated.truth.poses, np.array([0.04, 0.0, 0.0]))
+    )
+    log = LaserErrors(yaw_rad=0.035).of(replace(simulated.log, odometry=poses))
+    found = laser_of(log, odometry_of(log), SlamConfig(), Failures())
+    assert found.corrected.tolist() == [False, False, False, False, False, True]
+    assert found.values[3] < MOUNT[0] - 0.03, "told, but not corrected"
 
 
 @pytest.mark.long

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,18 +12,26 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scan_recording import truth
 from simulated import ScanList
-from two_lidars import FRONT, HALF_VIEW, REAR, front_and_rear
+from two_lidars import FRONT, HALF_VIEW, REAR, front_and_rear, mounted
 
 from slamsim.config.slam import MappingConfig, SlamConfig
-from slamsim.core.types import Log
+from slamsim.core.geometry import between
+from slamsim.core.types import FloatArray, Log
 from slamsim.evaluate.trajectory import compare
 from slamsim.recording import RawScans, Recording
 from slamsim.recording.choice import choices
 from slamsim.recording.cleaning.log import clean
 from slamsim.recording.cleaning.scans import paired
+from slamsim.slam.failures import Failures
 from slamsim.slam.frontend.deskew import deskew
+from slamsim.slam.laser import estimate
+from slamsim.slam.laser.calibration import LaserCalibration
+from slamsim.slam.laser.estimate import POSES_TOLERANCE_M, laser_of
 from slamsim.slam.mapping.grid import build_grid
-from slamsim.slam.session import run_slam
+from slamsim.slam.session import odometry_of, run_slam
+
+AHEAD = np.array([0.1, 0.0, 0.0])
+"""(3,) of a point ahead of the axle, by more than any tolerance."""
 
 INSTANTS = st.lists(st.integers(0, 3000), max_size=30, unique=True).map(sorted)
 
@@ -131,3 +140,63 @@ def test_a_lidar_that_cannot_be_used_is_named_with_the_reason(change: str, words
     (told,) = log.warnings
     assert told.startswith("the scans of /rear/scan are not used: ")
     assert words in told
+
+
+def declared(front: FloatArray, rear: FloatArray) -> Log:
+    """Lidars that sit at FRONT and REAR, declared there."""
+    recording = front_and_rear(rear=rear)
+    moved = {"front_laser": mounted(front, "front_laser")}
+    edges = tuple(moved.get(edge.child, edge) for edge in recording.transforms)
+    return cleaned(replace(recording, transforms=edges))
+
+
+def mounts_corrected(log: Log, failures: Failures) -> list[list[bool]]:
+    """Which of x, y and yaw, of the front lidar and then of the rear one."""
+    found = laser_of(log, odometry_of(log), SlamConfig(), failures)
+    return [one.corrected[3:].tolist() for one in (found, *found.beside.values())]
+
+
+def test_where_one_lidar_is_at_the_origin_none_is_moved() -> None:
+    """The poses are of the axle all the same: the mount of the other is plainly contradicted."""
+    failures, origin = Failures(), np.zeros(3)
+    turned = np.array([0.0, 0.0, FRONT[2]])
+    for front, rear in (
+        (origin, between(FRONT, REAR)),
+        (turned, REAR - FRONT + turned),
+        (between(REAR, FRONT), origin),
+    ):
+        assert not np.any(mounts_corrected(declared(front, rear), failures))
+    assert not list(failures)
+
+
+@pytest.mark.parametrize("seen", [40, 140, 200])
+def test_where_one_lidar_is_hardly_seen_none_is_moved(seen: int) -> None:
+    """40 scans of the rear tell nothing of its mount, 140 to 5 cm, 200 to 3 mm."""
+    log = declared(FRONT - AHEAD, REAR - AHEAD)
+    scans = [
+        scan if number < seen else replace(scan, beside=()) for number, scan in enumerate(log.scans)
+    ]
+    wrong = [seen == 200, False, False]
+    assert mounts_corrected(replace(log, scans=ScanList(scans)), Failures()) == [wrong, wrong]
+
+
+def test_where_one_lidar_is_moved_the_other_follows_within_the_tolerance() -> None:
+    """In the same direction alone: 3 cm to the side, which is found to 3 mm, is left."""
+    one, other = POSES_TOLERANCE_M + 0.01, POSES_TOLERANCE_M - 0.01
+    for front_m, rear_m in ((one, other), (other, one)):
+        log = declared(FRONT - [front_m, 0.03, 0.0], REAR - [rear_m, 0.03, 0.0])
+        assert mounts_corrected(log, Failures()) == 2 * [[True, False, False]]
+
+
+def test_where_one_lidar_fails_the_other_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = estimate._with_mount
+
+    def fails_of_the_rear(found: LaserCalibration, *args: Any, **named: Any) -> LaserCalibration:
+        if found.declared[3] < 0.0:
+            raise ValueError("no such lidar")
+        return real(found, *args, **named)
+
+    monkeypatch.setattr(estimate, "_with_mount", fails_of_the_rear)
+    failures = Failures()
+    assert mounts_corrected(declared(FRONT - AHEAD, REAR - AHEAD), failures) == [3 * [False]]
+    assert [failed.stage for failed in failures] == ["laser calibration"]

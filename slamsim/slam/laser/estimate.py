@@ -88,16 +88,11 @@ def laser_of(
     if config.calibrate_laser:
         with failures.caught("laser calibration", 0):
             survey, motion = _survey(log), config.front_end.motion
-            found = _calibrated(log, survey, odometry, motion)
-            beside = [
-                calibrate_laser(
-                    replace(log, scans=_Alone(log.scans, frame_id), T_base_laser=T_base_laser),
-                    odometry,
-                    motion,
-                )
-                for frame_id, T_base_laser in survey.beside.items()
-            ]
-            first, *beside = _moved_together([found, *beside])
+            lidars = [_calibrated(log, survey, odometry, motion)]
+            for frame_id, T_base_laser in survey.beside.items():
+                alone = replace(log, scans=_Alone(log.scans, frame_id), T_base_laser=T_base_laser)
+                lidars.append(_calibrated(alone, _survey(alone), odometry, motion))
+            first, *beside = _moved_together(lidars)
             found = replace(first, beside=dict(zip(survey.beside, beside, strict=True)))
     return found
 
@@ -105,15 +100,16 @@ def laser_of(
 def calibrate_laser(log: Log, odometry: Odometry | None, config: MotionConfig) -> LaserCalibration:
     """What the log itself says of its laser; nothing is corrected where it says too little. Other
     lidars beside it are left alone."""
-    return _calibrated(log, _survey(log), odometry, config)
+    return _calibrated(log, _survey(log), odometry, config)[0]
 
 
 def _calibrated(
     log: Log, survey: _Survey, odometry: Odometry | None, config: MotionConfig
-) -> LaserCalibration:
+) -> tuple[LaserCalibration, Mount | None]:
     windows = choose_windows(survey.stamps_ns, _activity(odometry, survey.stamps_ns))
     scans, windows = _rows(log, survey, windows)
     unknown = LaserCalibration.unknown(log, survey.sweep_s)
+    mount: Mount | None = None
     some = windows[:: max(len(windows) // FIRST_WINDOWS, 1)]
     for looked_at in (some, windows):
         motions = window_motions(scans, looked_at)
@@ -128,7 +124,7 @@ def _calibrated(
             found = _with_mount(found, mount, by_counters=log.encoders is not None)
         if not _doubtful(found) or len(some) == len(windows):
             break
-    return found
+    return found, mount
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -283,17 +279,27 @@ def _placed(found: LaserCalibration) -> BoolArray:
     return np.array([*(2 * [bool(found.declared[MOUNT][:2].any())]), True])
 
 
-def _moved_together(lidars: list[LaserCalibration]) -> list[LaserCalibration]:
-    """Where one of several is moved, each goes to where it was found, within the tolerances too: a
-    base that is elsewhere than declared is so for all of them, and walls would be doubled."""
-    if not any(one.corrected[MOUNT].any() for one in lidars):
-        return lidars
+def _moved_together(lidars: list[tuple[LaserCalibration, Mount | None]]) -> list[LaserCalibration]:
+    """Mounts of several are corrected only where each is known: a base that is elsewhere than
+    declared is so for all of them, and walls would be doubled by moving some. For the same reason
+    a number that is corrected of one goes to where it was found, within the tolerance too, of each.
+    """
+    if len(lidars) == 1:
+        return [lidars[0][0]]
+    wrong = np.any([one.corrected[MOUNT] for one, _ in lidars], axis=0)
+    wrong &= all(_known(one) for one, _ in lidars)
     moved = []
-    for one in lidars:
-        wrong = _off(one, DOUBT_SIGMAS, np.zeros(len(TOLERANCE)))[MOUNT] & _placed(one)
-        wrong |= one.corrected[MOUNT]
-        moved.append(one.told(MOUNT, one.values[MOUNT], one.sigmas[MOUNT], wrong))
+    for one, mount in lidars:
+        sigmas = np.inf if mount is None else as_sure_as(DOUBT_SIGMAS, mount.windows)
+        off = _off(one, sigmas, np.zeros(len(TOLERANCE)))[MOUNT]
+        moved.append(one.told(MOUNT, one.values[MOUNT], one.sigmas[MOUNT], wrong & off))
     return moved
+
+
+def _known(found: LaserCalibration) -> bool:
+    """Whether the mount may be corrected, and no error of it that matters would be missed."""
+    sure = HARM_SIGMAS * found.sigmas[MOUNT] < HARM[MOUNT]
+    return bool((sure & _placed(found)).all())
 
 
 def _doubtful(found: LaserCalibration) -> bool:
