@@ -82,7 +82,7 @@ def room(wide_m: float, deep_m: float) -> FloatArray:
 def test_after_one_pass_a_place_is_known_only_where_the_robot_is_found_again(
     elsewhere: bool,
 ) -> None:
-    """After drift, a place where nobody was yet may seem to lie where the robot has been."""
+    """After drift, a place that is new may seem to lie where the robot has been."""
     each = 50
     angles = np.linspace(0.0, 2.0 * np.pi, each, endpoint=False)
     circle = 4.0 * np.column_stack([np.cos(angles), np.sin(angles), 0.0 * angles])

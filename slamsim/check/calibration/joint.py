@@ -154,17 +154,19 @@ def calibrate_inputs(inputs: Inputs) -> Calibration | None:
         alignment = _by_wheels(alignment)
     middle_ns = int(steps.first_ns[0] + (steps.second_ns[-1] - steps.first_ns[0]) // 2)
     believed = gyro if _gyro_tells(steps, alignment) else None
-    model = Model(steps, believed, alignment.wheels, middle_ns, alignment.shifts_ns)
-    start = _start(model, inputs.T_base_laser, alignment.growth)
-    found = fit(model, start)
+
+    def fitted(wheels: IntegratedMotion | None) -> tuple[Model, FloatArray, Fit]:
+        model = Model(steps, believed, wheels, middle_ns, alignment.shifts_ns)
+        start = _start(model, inputs.T_base_laser, alignment.growth)
+        return model, start, fit(model, start)
+
+    model, start, found = fitted(alignment.wheels)
     share = _sideways_share(model, found)
     if share is not None:
         assert alignment.wheels is not None and alignment.wheels.aside_m is not None
         wheels = replace(alignment.wheels, sideways_m=share * alignment.wheels.aside_m)
         alignment = replace(alignment, wheels=wheels)
-        model = Model(steps, believed, wheels, middle_ns, alignment.shifts_ns)
-        start = _start(model, inputs.T_base_laser, alignment.growth)
-        found = fit(model, start)
+        model, start, found = fitted(wheels)
     spells = None
     if alignment.wheels is not None and np.any(steps.information):
         found, spells = _without_slip(model, start, found)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from slamsim.core.components import runs_of
 from slamsim.core.types import BoolArray, FloatArray
 
 MIN_TYPICAL_SPREAD_M = 0.3
@@ -44,13 +45,6 @@ def spread_of(ranges_m: FloatArray) -> FloatArray:
     low, high = (ordered[np.floor(q * np.maximum(count - 1, 0)).astype(int), beams]
                  for q in (0.02, 0.98))  # fmt: skip
     return np.asarray(high - low, dtype=np.float64)
-
-
-def runs_of(flags: BoolArray) -> list[tuple[int, int]]:
-    """(first, last) of each stretch of true."""
-    edges = np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8))
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
-    return list(zip(starts.tolist(), ends.tolist(), strict=True))
 
 
 def _is_sharp(spread_m: FloatArray, first: int, last: int) -> bool:

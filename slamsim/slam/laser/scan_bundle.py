@@ -180,9 +180,12 @@ def fit_window(track: LaserTrack, shape: Shape, poses: FloatArray | None = None)
     return replace(fit, poses=poses)
 
 
-def refit_windows(tracks: list[LaserTrack], fits: list[WindowFit], shape: Shape) -> list[WindowFit]:
-    """All windows with another shape, begun from where they are."""
-    return [fit_window(t, shape, fit.poses) for t, fit in zip(tracks, fits, strict=True)]
+def fit_windows(
+    tracks: list[LaserTrack], shape: Shape, begun: list[WindowFit] | None = None
+) -> list[WindowFit]:
+    """All windows with one shape, from where scan after scan was laid, or from earlier fits."""
+    starts = [None] * len(tracks) if begun is None else [fit.poses for fit in begun]
+    return [fit_window(t, shape, poses) for t, poses in zip(tracks, starts, strict=True)]
 
 
 def _shared(track: LaserTrack, poses: FloatArray, shape: Shape, gate_m: float) -> Shared:

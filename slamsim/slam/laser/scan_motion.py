@@ -20,8 +20,7 @@ from slamsim.slam.laser.scan_bundle import (
     Shape,
     ShapePull,
     WindowFit,
-    fit_window,
-    refit_windows,
+    fit_windows,
 )
 from slamsim.slam.laser.scan_equations import POSE, SHAPES
 from slamsim.slam.laser.scan_scale import rough_angle_scale, rough_sweep_s
@@ -205,12 +204,7 @@ def _tracked(scans: RawScans, reader: BeamReader, windows: list[IntArray]) -> li
 
 def _as_declared(tracks: list[LaserTrack], reader: BeamReader) -> list[WindowFit]:
     """All windows bundled with the shape of the scans as it is declared."""
-    return _bundled(tracks, Shape(reader.declared_sweep_s, 1.0, 0.0))
-
-
-def _bundled(tracks: list[LaserTrack], shape: Shape) -> list[WindowFit]:
-    """All windows, begun from where scan after scan was laid."""
-    return [fit_window(track, shape) for track in tracks]
+    return fit_windows(tracks, Shape(reader.declared_sweep_s, 1.0, 0.0))
 
 
 def _fit(
@@ -226,7 +220,7 @@ def _fit(
     shape = replace(declared, sweep_s=rough_sweep_s(tracks, fits, declared.sweep_s))
     free = shape.numbers != declared.numbers
     if free.any():
-        fits = _bundled(tracks, shape)
+        fits = fit_windows(tracks, shape)
     pull = ShapePull.of(fits)
     for _ in range(MAX_PASSES):
         unmodelled = np.hypot(_unmodelled(shape, reader, pull, (tracks, fits)), bias.sigmas)
@@ -236,7 +230,7 @@ def _fit(
         if pull.still(step):
             break
         shape = shape.moved(step)
-        fits = refit_windows(tracks, fits, shape)
+        fits = fit_windows(tracks, shape, fits)
         pull = ShapePull.of(fits)
     return shape, fits, pull
 

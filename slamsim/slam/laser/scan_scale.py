@@ -12,8 +12,7 @@ from slamsim.slam.laser.scan_bundle import (
     Shape,
     ShapePull,
     WindowFit,
-    fit_window,
-    refit_windows,
+    fit_windows,
 )
 from slamsim.slam.laser.scan_track import LaserTrack
 
@@ -91,7 +90,7 @@ def rough_sweep_s(tracks: list[LaserTrack], fits: list[WindowFit], declared_s: f
         return declared_s
 
     def refitted(sweep_s: float) -> _Try:
-        return _of(refit_windows(tracks, fits, Shape(sweep_s, 1.0, 0.0)), SWEEP)
+        return _of(fit_windows(tracks, Shape(sweep_s, 1.0, 0.0), fits), SWEEP)
 
     sweep_s, there = max(
         ((start_s, refitted(start_s)) for start_s in (0.0, -declared_s)),
@@ -115,8 +114,7 @@ def _liveliest(tracks: list[LaserTrack]) -> list[int]:
 
 
 def _tried(tracks: list[LaserTrack], sweep_s: float, scale: float) -> _Try:
-    fits = [fit_window(track, Shape(sweep_s, scale, 0.0)) for track in tracks]
-    return _of(fits, ANGLE_SCALE)
+    return _of(fit_windows(tracks, Shape(sweep_s, scale, 0.0)), ANGLE_SCALE)
 
 
 def _of(fits: list[WindowFit], number: int) -> _Try:

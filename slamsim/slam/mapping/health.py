@@ -9,6 +9,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from slamsim.config.back_end import SubmapConfig
+from slamsim.core.components import runs_of
 from slamsim.core.geometry import between, transform_points
 from slamsim.core.result import Event, MapGraph
 from slamsim.core.types import FloatArray, IntArray
@@ -218,17 +219,15 @@ def tears(
     yield from _torn_unnoticed(query_of, doubts, graph, size, usual)
     seen_from = range(first, len(keyframes), EVERY_KEYFRAMES)
     numbers, smooth = _contradictions(query_of, submaps, keyframes.poses, size, seen_from)
-    strange = [_is_strange(share, usual) for share in smooth.tolist()]
-    torn = np.array([False, *strange, False])
-    edges = np.flatnonzero(np.diff(torn.astype(np.int8)))
-    for begin, end in zip(edges[::2], edges[1::2], strict=True):
-        at = begin + int(np.argmax(smooth[begin:end]))
+    strange = np.array([_is_strange(share, usual) for share in smooth.tolist()], dtype=np.bool_)
+    for first_torn, last_torn in runs_of(strange):
+        at = first_torn + int(np.argmax(smooth[first_torn : last_torn + 1]))
         x, y = keyframes.poses[numbers[at], :2]
         words = (
             f"the map is torn near ({x:.1f}, {y:.1f}) m: {smooth[at]:.0%} of what was seen from "
             "there stands where there was free space at another time"
         )
-        start_ns, end_ns = keyframes.stamps_ns[numbers[[begin, end - 1]]].tolist()
+        start_ns, end_ns = keyframes.stamps_ns[numbers[[first_torn, last_torn]]].tolist()
         yield Event(start_ns, end_ns, "torn", words)
 
 

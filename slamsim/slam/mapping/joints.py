@@ -6,7 +6,7 @@ from collections.abc import Container, Iterator, Sequence
 
 import numpy as np
 
-from slamsim.core.components import components
+from slamsim.core.components import components, runs_of
 from slamsim.core.geometry import adjoint, between
 from slamsim.core.quantiles import chi_square
 from slamsim.core.result import Event, GraphEdge, MapGraph
@@ -41,8 +41,8 @@ def open_loops(graph: MapGraph, held: int = 0) -> Iterator[Event]:
     stamps_ns, poses = graph.keyframes.stamps_ns, graph.keyframes.poses
     checked = _checked(graph.edges, poses)
     checked[:held] = True
-    turns = np.flatnonzero(np.diff(np.concatenate([[True], checked, [True]]).astype(np.int8)))
-    for begin, end in zip(turns[::2].tolist(), turns[1::2].tolist(), strict=True):
+    for begin, last in runs_of(~checked):
+        end = last + 1
         off_m = SURE_SIGMAS * _grown_m(poses, graph.covariances, begin - 1, end)
         unsure = np.flatnonzero(off_m > CELL_M)
         if len(unsure):

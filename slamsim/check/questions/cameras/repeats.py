@@ -20,11 +20,11 @@ from slamsim.check.question import (
     same_subject,
     unanswered,
 )
+from slamsim.core.components import runs_of
 from slamsim.core.types import BoolArray, FloatArray, IntArray
 from slamsim.guard.numbers import is_sound
 from slamsim.recording import Recording
 from slamsim.recording.repairs.base import Repair
-from slamsim.slam.laser.own_body import runs_of
 
 MAX_FROZEN_S = 0.5
 MAX_REPEATED = 0.05

@@ -235,15 +235,11 @@ def _odometry_children(recording: Recording, graph: FrameGraph) -> Iterator[Find
     """The frame whose pose an odometry gives; drivers that leave it empty mean the base."""
     links = set(_LINK.findall(recording.robot_description or ""))
     for odometry in recording.odometries if recording.format != "carmen" else ():
+        # What another odometry gives is its frame, unless the names are alike.
+        others = (other for other in recording.odometries if other is not odometry)
+        given = {child for other in others for child in other.child_frame_ids}
         for frame in odometry.child_frame_ids:
             if frame and frame not in graph and frame not in links:
-                # What another odometry gives is its frame, unless the names are alike.
-                given = {
-                    child
-                    for other in recording.odometries
-                    if other is not odometry
-                    for child in other.child_frame_ids
-                }
                 moved = [
                     edge.child
                     for edge in recording.transforms

@@ -10,10 +10,10 @@ from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Curve, Finding, Measurement, Plot
 from slamsim.check.motion.planar_track import planar_track, track_at
 from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, same_subject
+from slamsim.core.components import runs_of
 from slamsim.core.types import BoolArray, FloatArray
 from slamsim.guard.numbers import is_sound
 from slamsim.recording import RawImu, Recording
-from slamsim.slam.laser.own_body import runs_of
 
 MAX_FROZEN_S = 0.5
 """Half a turn at 6 rad/s; units that are read too often repeat a reading for some milliseconds."""

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from slamsim.check.findings import SURE_SIGMAS, Finding, Measurement
 from slamsim.check.question import FaultKind, Question, judge, same_subject, unanswered
+from slamsim.core.components import runs_of
 from slamsim.core.geometry import wrap_angle, yaw_from_xyzw
 from slamsim.core.types import BoolArray, FloatArray, IntArray
 from slamsim.guard.numbers import MOST, is_sound
@@ -142,15 +143,13 @@ def _no_fall(length: FloatArray, period_s: float) -> BoolArray:
     """(n,) which accelerations are too small, and not because the robot falls: a reading alone
     between two of gravity, longer than it falls, or exactly 0, as no unit with noise measures."""
     small = length < SPIKE_M_S2[0]
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], small, [False]]).astype(np.int8)))
-    begins, ends = edges[::2], edges[1::2]
     calm = np.pad((length > GRAVITY_M_S2[0]) & (length < GRAVITY_M_S2[1]), 1)
-    alone = (ends - begins == 1) & calm[begins] & calm[ends + 1] & (period_s <= FALL_S[0])
-    no_fall = alone | ((ends - begins) * period_s > FALL_S[1])
-    chosen = np.zeros(len(length) + 1, dtype=np.int64)
-    np.add.at(chosen, begins[no_fall], 1)
-    np.add.at(chosen, ends[no_fall], -1)
-    return np.asarray((np.cumsum(chosen)[:-1] > 0) | (length == 0.0))
+    no_fall = length == 0.0
+    for first, last in runs_of(small):
+        alone = first == last and calm[first] and calm[last + 2] and period_s <= FALL_S[0]
+        if alone or (last + 1 - first) * period_s > FALL_S[1]:
+            no_fall[first : last + 1] = True
+    return np.asarray(no_fall)
 
 
 def _axes(imu: RawImu, finite: BoolArray, turns: bool) -> Finding:

@@ -9,6 +9,7 @@ import numpy as np
 from slamsim.check.findings import Curve, Finding, Measurement, Plot
 from slamsim.check.question import FaultKind, Question, judge, unanswered
 from slamsim.check.scan_sample import ScanSample
+from slamsim.core.components import runs_of
 from slamsim.core.types import FloatArray
 from slamsim.guard.quantities import as_count, as_number
 from slamsim.recording.repairs.base import Repair
@@ -17,7 +18,6 @@ from slamsim.slam.laser.own_body import (
     BESIDE,
     MAX_CONSTANT_SPREAD_M,
     MIN_TYPICAL_SPREAD_M,
-    runs_of,
     spread_of,
     still_runs,
 )

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from slamsim.core.quantiles import SIGMAS_PER_MEDIAN
+from slamsim.core.stamps import order_once
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawOdometry, Recording
 from slamsim.recording.edits.beams import scan_durations_ns
@@ -88,8 +89,8 @@ class StampSeries:
         all of them; None without one."""
         since_s = (self.instants_ns - self.instants_ns[:1]) * 1e-9
         for odometry in self.odometries:
-            stamps_ns, first = np.unique(odometry.stamps_ns, return_index=True)
-            positions_m = odometry.positions_m[first]
+            order = order_once(odometry.stamps_ns)
+            stamps_ns, positions_m = odometry.stamps_ns[order], odometry.positions_m[order]
             if stamps_ns.size < 2 or not np.isfinite(positions_m).all():
                 continue
             at_s = (stamps_ns - self.instants_ns[0]) * 1e-9
@@ -122,8 +123,11 @@ class StampSeries:
 def series_of(recording: Recording) -> list[StampSeries]:
     """The streams whose stamps matter; joint states and what never moves are none."""
     found = [
-        replace(
-            _instants(s.topic, "lidar", s.stamps_ns, s.received_ns),
+        StampSeries(
+            subject=s.topic,
+            kind="lidar",
+            stamps_ns=s.stamps_ns,
+            received_ns=s.received_ns,
             lasts_ns=scan_durations_ns(s),
             odometries=recording.odometries,
         )
