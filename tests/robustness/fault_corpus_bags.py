@@ -245,7 +245,8 @@ def _chunk1(content: bytes, compression: bytes, announced: int) -> bytes:
 
 BAGS: dict[str, tuple[Data, str]] = {
     "bag of its first line": (_ROS1_MAGIC, "a.bag"),
-    "bag of version 1.2": (b"#ROSRECORD V1.2\n" + bytes(99), "no ROS 1 bag"),
+    "bag of version 1.2": (b"#ROSRECORD V1.2\n" + bytes(99), "only 2.0 is read; `rosbag reindex "),
+    "bag of version 1.1": (b"#ROSLOG V1.1\n" + bytes(99), "of version 1.1, but only 2.0 is read"),
     "bag record of 4 GB": (_bag1(b"\xff" * 8), "beyond the end"),
     "bag field of 4 GB": (_bag1(_text(b"\xff\xff\xff\xff") + _text(b"")), "damaged"),
     "bag without an operation": (_bag1(_header(a=b"b") + _text(b"")), "damaged"),

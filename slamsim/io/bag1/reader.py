@@ -7,6 +7,7 @@ has no checksums of its own; only bz2 chunks carry one. Format: wiki.ros.org/Bag
 
 from __future__ import annotations
 
+import re
 import struct
 from collections import Counter
 from collections.abc import Container, Iterator
@@ -14,13 +15,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
-from slamsim.guard.errors import Excessive
+from slamsim.guard.errors import Excessive, InputRefused
 from slamsim.guard.files import open_input, require_magic
 from slamsim.guard.limits import LIMITS
 from slamsim.io.input_errors import damaged
 from slamsim.io.ros.message_types import inflate
 
 MAGIC = b"#ROSBAG V2.0\n"
+ANY_VERSION = re.compile(rb"#ROS(?:BAG|RECORD|LOG) V([0-9.]+)\n")
+CONVERTIBLE = "1.2"
+"""The one other version that ``rosbag`` of ROS 1 reads."""
 HEADER_BYTES = 4096
 """The header of a bag and its padding, without the lengths of both, as ``rosbag`` writes them."""
 MESSAGE, BAG_HEADER, INDEX, CHUNK, CHUNK_INFO, CONNECTION = (bytes([op]) for op in range(2, 8))
@@ -64,7 +68,7 @@ def index_bag1(path: Path) -> Bag1Index:
     with open_input(path) as file:
         size = file.seek(0, 2)
         file.seek(0)
-        require_magic(file, path, MAGIC, "ROS 1 bag")
+        _require_bag1(file, path)
         while file.tell() < size:
             position = file.tell()
             try:
@@ -94,7 +98,7 @@ def sampled_bag1(path: Path) -> Bag1Index:
     with open_input(path) as file:
         size = file.seek(0, 2)
         file.seek(0)
-        require_magic(file, path, MAGIC, "ROS 1 bag")
+        _require_bag1(file, path)
         try:
             head, _ = _record(file, size)
             file.seek(int.from_bytes(head[b"index_pos"], "little"))
@@ -143,6 +147,18 @@ def bag1_messages(
                     found.append((_time_ns(fields[b"time"]), start, end, connection))
             for received_ns, start, end, connection in sorted(found):
                 yield connection, received_ns, content[start:end]
+
+
+def _require_bag1(file: BinaryIO, path: Path) -> None:
+    """Read the first line; InputRefused, and what helps, for another than that of version 2.0."""
+    found = ANY_VERSION.match(file.read(len(MAGIC) + 7))
+    file.seek(0)
+    if found is not None and found[0] != MAGIC:
+        version = found[1].decode()
+        advice = f"; `rosbag reindex {path.name}` of ROS 1 writes it as 2.0"
+        reason = f"a ROS 1 bag of version {version}, but only 2.0 is read"
+        raise InputRefused(path, reason + (advice if version == CONVERTIBLE else ""))
+    require_magic(file, path, MAGIC, "ROS 1 bag")
 
 
 def _record(file: BinaryIO, size: int) -> tuple[Fields, bytes]:
