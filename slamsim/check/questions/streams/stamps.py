@@ -37,7 +37,10 @@ MAX_OVERLAP = 0.02
 """Of the scan's duration. Drivers that declare the nominal speed of their motor are off by less."""
 MIN_OVERLAP_S = 1e-4
 MOST_TOO_LONG = 0.01
-"""Of the scans: drivers that measure how long a scan took count the start of the motor in."""
+"""Of the scans: drivers measure how long a scan took by a clock that waits for the computer."""
+MOST_PERIODS = 10.0
+"""No clock waits for so long without a gap in the stamps: a single scan that lasts longer is
+declared wrong, unless the motor started with it."""
 _NO_INSTANTS = ("epoch_mismatch", "stamps_quantised", "stamps_repeated")
 """Stamps so wrong that how long they are before the receipt says nothing more."""
 
@@ -108,8 +111,12 @@ def _overlap(series: StampSeries, lasts_ns: IntArray) -> Finding:
     lasts_s, step_s = float(np.median(lasts_ns)) * 1e-9, series.period_s
     overlap_s = lasts_s - step_s
     # Jitter moves the next stamp by less than a period, or messages would change their order.
-    too_long = 1e-9 * lasts_ns[:-1] > step_s + np.maximum(series.steps_s, step_s)
-    some = overlap_s <= MIN_OVERLAP_S and bool(too_long.mean() > MOST_TOO_LONG)
+    begins_s = np.maximum(series.steps_s, step_s)
+    too_long = 1e-9 * lasts_ns[:-1] > step_s + begins_s
+    if too_long.mean() <= MOST_TOO_LONG:
+        starts = np.concatenate([[True], series.steps_s[:-1] > 2.0 * step_s])
+        too_long = (1e-9 * lasts_ns[:-1] > MOST_PERIODS * begins_s) & ~starts
+    some = overlap_s <= MIN_OVERLAP_S and bool(too_long.any())
     if some:
         lasts_s = float(np.median(lasts_ns[:-1][too_long])) * 1e-9
     which = f"{too_long.sum()} of {len(series):,} scans last" if some else "a scan lasts"
