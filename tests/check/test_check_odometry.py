@@ -14,12 +14,14 @@ from test_check_inertial import robot
 
 from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding
+from slamsim.check.questions.wheels.heading import check_heading
 from slamsim.check.questions.wheels.rounding import check_rounding
 from slamsim.check.questions.wheels.turning import check_turning
 from slamsim.check.questions.wheels.twist import check_twist
-from slamsim.core.geometry import xyzw_from_yaw
+from slamsim.core.geometry import wrap_angle, xyzw_from_yaw, yaw_from_xyzw
 from slamsim.core.types import FloatArray
 from slamsim.recording import RawImu, RawOdometry, Recording
+from slamsim.recording.edits.motion import rotated
 from slamsim.recording.repairs.apply import apply_repairs
 from slamsim.sensors.faults.registry import load_fault
 from slamsim.sensors.faults.wheels import OdometryNoTurn, TwistWrong
@@ -161,6 +163,39 @@ def test_a_twist_that_is_filtered_or_the_command_is_none() -> None:
         angular_rad_s=behind(odometry.angular_rad_s),
     )
     assert twist_of(robot().with_streams(RawOdometry, (slow,))).verdict == "ok"
+
+
+@pytest.mark.parametrize("begin_rad", [0.0, 2.0])
+@pytest.mark.parametrize(
+    ("factor", "anew", "words"),
+    [
+        (180.0 / np.pi, False, "it is in degrees"),
+        (180.0 / np.pi, True, "it is in degrees"),
+        (np.pi / 180.0, False, "taken for degrees"),
+        (-1.0, False, "clockwise"),
+    ],
+)
+def test_a_heading_in_another_unit_than_its_path_is_named_and_repaired(
+    factor: float, anew: bool, words: str, begin_rad: float
+) -> None:
+    """anew: it begins anew at 180 degrees before it is taken for radians."""
+    odometry = robot().odometries[0]
+    yaw = np.unwrap(yaw_from_xyzw(odometry.quats_xyzw)) + begin_rad
+    places = odometry.positions_m.copy()
+    places[:, :2] = rotated(places[:, :2], np.full(len(places), begin_rad))
+    said = factor * (wrap_angle(yaw) if anew else yaw)
+    wrong = replace(odometry, positions_m=places, quats_xyzw=xyzw_from_yaw(said))
+    made = robot().with_streams(RawOdometry, (wrong,))
+    (found,) = check_heading(RecordingEvidence(made))
+    assert found.fault == "odometry_heading" and words in found.words
+    (fixed,) = apply_repairs(made, found.repairs).odometries
+    np.testing.assert_allclose(wrap_angle(yaw_from_xyzw(fixed.quats_xyzw) - yaw), 0.0, atol=1e-6)
+    np.testing.assert_array_equal(fixed.positions_m, places)
+
+
+def test_a_heading_that_turns_as_its_path_does_is_fine() -> None:
+    (found,) = check_heading(RecordingEvidence(robot()))
+    assert found.verdict == "ok"
 
 
 def turning_of(made: Recording) -> Finding:

@@ -254,10 +254,10 @@ OF_MOTION = [
     fault(
         "heading_in_degrees",
         "driver_odometry",
-        None,
+        "odometry_heading",
         change=_degrees_for_radians,
     ),
-    fault("heading_clockwise", "driver_odometry", None, change=_handed),
+    fault("heading_clockwise", "driver_odometry", "odometry_heading", change=_handed),
     fault("odometry_two_decimals", "driver_odometry", "odometry_coarse", change=_two_decimals),
     fault(
         "tf_published_twice",

@@ -337,6 +337,11 @@ PAIRS: Pairs = [
             Repair("reorder_quaternions", "/tf odom -> base_footprint"),
         ],
     ),
+    (
+        "odometry_heading_degrees",
+        None,
+        [Repair("scale_heading", "/odom", {"factor": np.pi / 180.0})],
+    ),
     ("camera_higher", 0.1, [Repair("set_height", "camera_link", {"z_m": 0.335})]),
     (
         "camera_tilted",

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from slamsim.core.geometry import between, compose, xyzw_from_yaw, yaw_from_xyzw
+from slamsim.core.geometry import between, compose, wrap_angle, xyzw_from_yaw, yaw_from_xyzw
 from slamsim.core.types import EncoderStream, FloatArray, IntArray, PlanarTrajectory
 from slamsim.models.differential_drive import wheel_odometry
 from slamsim.recording import RawOdometry, RawTicks, TransformEdge
@@ -14,6 +14,8 @@ from slamsim.recording.edits.messages import select
 
 Gain = float | FloatArray
 """A factor of all steps, or (n - 1,) of each step between n messages."""
+_BESIDE = 2
+"""Steps on either side."""
 _SAME_PATH = 0.1
 """Of path and turn, by which an odometry that is made from counters may differ from them."""
 
@@ -129,6 +131,35 @@ def with_twists(odometry: RawOdometry) -> RawOdometry:
     linear[1:, 0] = rotated(moved, -heading[:-1])[:, 0] / elapsed_s
     angular[1:, 2] = np.diff(heading) / elapsed_s
     return replace(odometry, linear_m_s=linear, angular_rad_s=angular)
+
+
+def continuous_heading(quats_xyzw: FloatArray) -> FloatArray:
+    """(n,) yaw that turns from one message to the next about as fast as beside it.
+
+    Headings in degrees that were taken for radians turn by more than half a turn at once, and by
+    360 radians more where they begin anew.
+    """
+    yaw = yaw_from_xyzw(quats_xyzw)
+    steps = np.unwrap(np.diff(yaw))
+    if steps.size > 2 * _BESIDE:
+        beside = np.pad(steps, _BESIDE, mode="edge")
+        windows = np.lib.stride_tricks.sliding_window_view(beside, 2 * _BESIDE + 1)
+        usual = np.median(windows, axis=1)
+        anew = usual[:, None] + wrap_angle(steps[:, None] - usual[:, None] + [0.0, 360.0, -360.0])
+        nearest = np.abs(anew - usual[:, None]).argmin(axis=1)
+        steps = np.take_along_axis(anew, nearest[:, None], axis=1)[:, 0]
+    return np.asarray(yaw[0] + np.concatenate([[0.0], np.cumsum(steps)]))
+
+
+def scaled_heading(odometry: RawOdometry, factor: float) -> RawOdometry:
+    """The heading multiplied, the path as it is: what the robot drives along, mostly ahead, tells
+    which of all headings it begins with that a whole turn before leaves open."""
+    heading = factor * continuous_heading(odometry.quats_xyzw)
+    moved = np.diff(odometry.positions_m[:, :2], axis=0)
+    ahead = (moved[:, 0] + 1j * moved[:, 1]) * np.exp(-0.5j * (heading[1:] + heading[:-1]))
+    turn = 2.0 * np.pi * factor
+    heading += turn * round(float(np.angle(np.nansum(ahead))) / turn)
+    return replace(odometry, quats_xyzw=xyzw_from_yaw(heading))
 
 
 def _planar(one: RawOdometry | TransformEdge) -> FloatArray:

@@ -58,6 +58,7 @@ _EVIDENT = frozenset(
         "rename_child_frame",
         "reorder_quaternions",
         "invert_transform",
+        "scale_heading",
         "twist_from_poses",
         "drop_transform",
         "freeze_static_transform",

@@ -5,7 +5,12 @@ from __future__ import annotations
 from slamsim.recording import RawOdometry, RawTicks, Recording
 from slamsim.recording.edits.base import Edit
 from slamsim.recording.edits.messages import ChangeMessages
-from slamsim.recording.edits.motion import scaled_odometry, with_twists, without_jumps
+from slamsim.recording.edits.motion import (
+    scaled_heading,
+    scaled_odometry,
+    with_twists,
+    without_jumps,
+)
 from slamsim.recording.edits.odometry import ChangeOdometry, OdometryFromTicks, WithOdometry
 from slamsim.recording.edits.wheels import RewireWheels, ScaleWheelNumbers, UnwrapTicks
 from slamsim.recording.repairs.base import Repair
@@ -53,6 +58,12 @@ def scale_odometry(recording: Recording, repair: Repair) -> Edit:
     path, turn = repair.number("path_factor"), repair.number("turn_factor")
     curvature = repair.number("curvature_rad_m") if "curvature_rad_m" in repair.parameters else 0.0
     return ChangeOdometry(repair.subject, lambda one: scaled_odometry(one, path, turn, curvature))
+
+
+def scale_heading(recording: Recording, repair: Repair) -> Edit:
+    """Multiply an odometry's heading by factor, and leave its path as it is."""
+    factor = repair.number("factor")
+    return ChangeOdometry(repair.subject, lambda one: scaled_heading(one, factor))
 
 
 def remove_odometry_jumps(recording: Recording, repair: Repair) -> Edit:

@@ -8,7 +8,7 @@ from typing import Literal, TypeVar
 import numpy as np
 from pydantic import Field
 
-from slamsim.core.geometry import yaw_from_xyzw
+from slamsim.core.geometry import xyzw_from_yaw, yaw_from_xyzw
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.recording import RawOdometry, RawTicks, Recording, TransformEdge
 from slamsim.recording.edits.base import COUNTS, DRIVEN, ODOMETRIES, TICKS, WHEELS, Edit, Edits
@@ -223,6 +223,21 @@ class OdometryNoTurn(Fault):
             return replace(one, quats_xyzw=np.tile(one.quats_xyzw[:1], (len(one.quats_xyzw), 1)))
 
         return ChangeMessages(DRIVEN, straight)
+
+
+class OdometryHeading(Fault):
+    """Positions of the published odometry are right, its heading is multiplied: by 180 over pi
+    where degrees were taken for radians."""
+
+    kind: Literal["odometry_heading"]
+    factor: float = Field(ge=-100.0, le=100.0)
+
+    def edit(self, recording: Recording, rng: np.random.Generator) -> Edit:
+        def other(one: Moving) -> Moving:
+            heading = self.factor * np.unwrap(yaw_from_xyzw(one.quats_xyzw))
+            return replace(one, quats_xyzw=xyzw_from_yaw(heading))
+
+        return ChangeMessages(DRIVEN, other)
 
 
 class TwistWrong(Fault):

@@ -31,6 +31,7 @@ VALUES = Question(
                 anywhere(
                     *("odometry_contradicts_wheels", "odometry_frozen", "odometry_jump"),
                     *("wheel_slip", "tf_contradicts_odometry", "odometries_contradict"),
+                    "odometry_no_turn",  # of quaternions that are too short
                 ),
             ),
         ),
