@@ -168,7 +168,8 @@ class SlamResult:
     parts: ``T_map_base`` after each part of the work, at the stamps of scans or of key frames.
     match_information: (n, 3, 3) of a small step of the base in its own frame, zero where a scan
     told nothing. calibration: of wheels, gyroscope and laser, under names that carry their units;
-    without what the log does not tell. log: what was mapped, its laser corrected. landmarks: tags
+    without what the log does not tell. calibration_beside: of the robot's other lidars, by their
+    topics. log: what was mapped, its laser corrected. landmarks: tags
     in the map, by their numbers, where images were looked at.
     """
 
@@ -187,6 +188,7 @@ class SlamResult:
     parts: dict[str, PlanarTrajectory] = field(default_factory=dict)
     match_information: FloatArray | None = None
     calibration: dict[str, Calibrated] = field(default_factory=dict)
+    calibration_beside: dict[str, dict[str, Calibrated]] = field(default_factory=dict)
     failed: tuple[FailedStage, ...] = ()
     log: Log | None = None
     landmarks: tuple[Landmark, ...] = ()

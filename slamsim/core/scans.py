@@ -100,10 +100,12 @@ class Scan:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ScanBeside:
-    """A scan of another lidar of the robot. T_base_laser: 4 x 4, where that one is mounted."""
+    """A scan of another lidar of the robot. T_base_laser: 4 x 4, where that one is mounted. topic:
+    what it was recorded on, which no other lidar is."""
 
     scan: Scan
     T_base_laser: FloatArray
+    topic: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,7 +15,7 @@ from slamsim.check.wording import finding_json, warning
 from slamsim.core.geometry import inverse
 from slamsim.core.landmarks import Landmark
 from slamsim.core.layers import NO_LAYERS, MapLayers
-from slamsim.core.result import SlamResult
+from slamsim.core.result import Calibrated, SlamResult
 from slamsim.core.types import (
     BoolArray,
     FloatArray,
@@ -173,13 +173,17 @@ def report_json(view: RunView) -> dict[str, object]:
         "slam_seconds": dict(result.seconds),
         "peak_memory_mb": view.peak_memory_mb,
         "error_budget": view.scores.budget_numbers(),
-        "calibration": {name: asdict(one) for name, one in result.calibration.items()},
+        "calibration": _calibration_json(result.calibration),
         "relations": view.scores.relation_numbers(),
         "sources": view.log.sources,
         "warnings": list(view.warnings),
         "checks": [] if view.checked is None else [*map(finding_json, view.checked.findings)],
         "command": view.command,
     }
+    if result.calibration_beside:
+        numbers["calibration_beside"] = {
+            topic: _calibration_json(found) for topic, found in result.calibration_beside.items()
+        }
     if result.landmarks:
         numbers["tags"] = [_tag_json(one) for one in result.landmarks]
     layers = view.layers
@@ -190,6 +194,10 @@ def report_json(view: RunView) -> dict[str, object]:
         numbers["semantic_cells"] = int(np.count_nonzero(layers.semantic.labels >= 0))
         numbers["semantic_images"] = layers.semantic.images
     return {key: _finite(value) for key, value in numbers.items()}
+
+
+def _calibration_json(found: Mapping[str, Calibrated]) -> dict[str, object]:
+    return {name: asdict(one) for name, one in found.items()}
 
 
 def _tag_json(tag: Landmark) -> dict[str, object]:

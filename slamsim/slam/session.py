@@ -323,6 +323,7 @@ def map_log(
         seconds=seconds | result.seconds,
         warnings=(*map(str, failures), *result.warnings, *scans.warnings()),
         calibration=result.calibration | laser.calibrated(),
+        calibration_beside={topic: one.calibrated() for topic, one in laser.beside.items()},
         failed=(*failures, *result.failed),
         log=log,
     )

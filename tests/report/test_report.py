@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -13,7 +14,7 @@ import pytest
 from view_example import Scans, example_run
 
 from slamsim.check.findings import CheckReport, Finding
-from slamsim.core.result import PoseGraph, SlamResult
+from slamsim.core.result import Calibrated, PoseGraph, SlamResult
 from slamsim.core.types import Grid, PlanarTrajectory
 from slamsim.evaluate.relations import RelationScores, RelationStatistics
 from slamsim.report.pages.run import headline, report_html, write_report
@@ -189,6 +190,16 @@ def test_relations_are_shown_with_their_spread(run: RunView) -> None:
     assert "over 60 s" not in text
     assert "7 relations outside" in text
     assert "45.6 mm" in text
+
+
+def test_the_calibration_of_further_lidars_is_told_by_their_topics(run: RunView) -> None:
+    assert "calibration_beside" not in report_json(run)
+    yaw = {"laser_yaw_rad": Calibrated(math.radians(2.0), math.radians(0.1), observed=True)}
+    of_two = replace(run, result=replace(run.result, calibration_beside={"/<rear>": yaw}))
+    told = {"value": math.radians(2.0), "sigma": math.radians(0.1), "observed": True}
+    assert report_json(of_two)["calibration_beside"] == {"/<rear>": {"laser_yaw_rad": told}}
+    text = " ".join(Page(report_html(of_two)).text)
+    assert "/<rear>: laser, turned to the left 2 ± 0.1 ° drive" in text
 
 
 def test_a_run_without_truth_or_of_nothing_has_a_report_too(run: RunView) -> None:

@@ -135,7 +135,7 @@ def test_of_two_lidars_each_is_corrected_by_its_own_scans() -> None:
     at_once = replace(LIDAR, beam_dt_ns=0)
     swept = replace(LIDAR, frame_id="rear")
     behind = [
-        ScanBeside(replace(scan, geometry=swept), matrix(declared))
+        ScanBeside(replace(scan, geometry=swept), matrix(declared), "/rear")
         for scan in sense_scans(simulated.walls, seen, at_once, NOISE_M, 1)
     ]
     both = [replace(scan, beside=(other,)) for scan, other in zip(front, behind, strict=True)]
@@ -148,7 +148,7 @@ def test_of_two_lidars_each_is_corrected_by_its_own_scans() -> None:
     assert np.abs(other.used[3:] - rear).max() < 0.02
     right = found.applied(log)
     (scan, *_), (warned, *_) = right.scans, right.warnings
-    assert warned.startswith("rear: ")
+    assert warned.startswith("/rear: ")
     assert scan.geometry == front[0].geometry and scan.beside[0].scan.geometry.duration_ns < 3e6
     assert np.abs(scan.beside[0].T_base_laser - matrix(rear)).max() < 0.02
 
@@ -195,7 +195,8 @@ errors_of_drivers = st.builds(
 def test_a_log_corrected_by_its_true_errors_is_the_healthy_one(errors: LaserErrors) -> None:
     true = healthy(0, max_s=4.0).log
     wrong = errors.of(true)
-    unknown = LaserCalibration.unknown(wrong, next(iter(wrong.scans)).geometry.duration_ns * 1e-9)
+    sweep_s = next(iter(wrong.scans)).geometry.duration_ns * 1e-9
+    unknown = LaserCalibration.unknown(wrong.T_base_laser, sweep_s)
     exact = replace(unknown, values=true_values(errors), corrected=np.ones(6, dtype=np.bool_))
     corrected = exact.applied(wrong)
     np.testing.assert_allclose(corrected.T_base_laser, true.T_base_laser, atol=1e-12)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,8 +16,8 @@ from simulated import ScanList
 from two_lidars import FRONT, HALF_VIEW, REAR, front_and_rear, mounted
 
 from slamsim.config.slam import MappingConfig, SlamConfig
-from slamsim.core.geometry import between
-from slamsim.core.types import FloatArray, Log
+from slamsim.core.geometry import between, wrap_angle
+from slamsim.core.types import FloatArray, Log, Scan
 from slamsim.evaluate.trajectory import compare
 from slamsim.recording import RawScans, Recording
 from slamsim.recording.choice import choices
@@ -25,7 +26,7 @@ from slamsim.recording.cleaning.scans import paired
 from slamsim.slam.failures import Failures
 from slamsim.slam.frontend.deskew import deskew
 from slamsim.slam.laser import estimate
-from slamsim.slam.laser.calibration import LaserCalibration
+from slamsim.slam.laser.calibration import NAMES, LaserCalibration
 from slamsim.slam.laser.estimate import POSES_TOLERANCE_M, laser_of
 from slamsim.slam.mapping.grid import build_grid
 from slamsim.slam.session import odometry_of, run_slam
@@ -186,6 +187,33 @@ def test_where_one_lidar_is_moved_the_other_follows_within_the_tolerance() -> No
     for front_m, rear_m in ((one, other), (other, one)):
         log = declared(FRONT - [front_m, 0.03, 0.0], REAR - [rear_m, 0.03, 0.0])
         assert mounts_corrected(log, Failures()) == 2 * [[True, False, False]]
+
+
+class ReadingsCounted(ScanList):
+    times = 0
+
+    def __iter__(self) -> Iterator[Scan]:
+        self.times += 1
+        return super().__iter__()
+
+
+def test_however_many_lidars_are_calibrated_a_log_is_read_twice() -> None:
+    log = cleaned(front_and_rear())
+    scans = ReadingsCounted(list(log.scans))
+    found = laser_of(replace(log, scans=scans), odometry_of(log), SlamConfig(), Failures())
+    assert np.isfinite([found.sigmas, found.beside["/rear/scan"].sigmas]).all()
+    assert scans.times == 2
+
+
+def test_what_is_found_of_a_further_lidar_is_told_under_its_topic() -> None:
+    result = run_slam(cleaned(front_and_rear()), SlamConfig())
+    (topic,) = result.calibration_beside
+    found = result.calibration_beside[topic]
+    assert topic == "/rear/scan"
+    assert list(found) == list(NAMES)
+    for name, true in zip(NAMES[3:], REAR, strict=True):
+        assert abs(wrap_angle(found[name].value - true)) < 4.0 * found[name].sigma
+        assert result.calibration[name].value != found[name].value
 
 
 def test_where_one_lidar_fails_the_other_stays(monkeypatch: pytest.MonkeyPatch) -> None:

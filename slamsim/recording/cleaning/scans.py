@@ -66,6 +66,7 @@ class RecordedScans:
 
     def __init__(self, raw: RawScans, rows: IntArray, stamps_ns: IntArray, limit: RangeLimit):
         self._raw, self._rows, self.stamps_ns = raw, rows, stamps_ns
+        self.topic = raw.topic
         self.limit, self._geometries = limit, _Geometries(raw, limit)
 
     def __len__(self) -> int:
@@ -112,7 +113,7 @@ class ScansTogether:
     def __iter__(self) -> Iterator[Scan]:
         for number, scan in enumerate(self._own):
             beside = [
-                ScanBeside(scans[int(nearest[number])], T_base_laser)
+                ScanBeside(scans[int(nearest[number])], T_base_laser, scans.topic)
                 for (scans, T_base_laser), nearest in zip(self._others, self._beside, strict=True)
                 if nearest[number] >= 0
             ]

@@ -202,16 +202,19 @@ def _relation_rows(name: str, scores: RelationScores) -> list[tuple[str, ...]]:
 
 
 def _calibration_table(view: RunView) -> str:
+    named = [(calibrated_name(name), name, one) for name, one in view.result.calibration.items()]
+    for topic, found in view.result.calibration_beside.items():
+        named += [(f"{topic}: {calibrated_name(name)}", name, one) for name, one in found.items()]
     rows = [
         (
-            calibrated_name(name),
+            words,
             calibrated_interval(name, one.value, one.sigma),
             "drive" if one.observed else "prior",
         )
-        for name, one in view.result.calibration.items()
+        for words, name, one in named
     ]
     note = (
-        "Wheels, gyroscope and laser, with standard deviations: as the drive shows them, or "
+        "Wheels, gyroscope and lidars, with standard deviations: as the drive shows them, or "
         "as they were assumed to be."
     )
     header = ("", "value", "told by")

@@ -45,7 +45,7 @@ class LaserCalibration:
     Angle between beams, true over declared; by how much ranges are too long; seconds from the
     first beam to the last; T_base_laser in the plane. values: as found, with sigmas (infinite where
     nothing told); declared: by the recording; corrected: which are contradicted so plainly that the
-    value found is used. beside: of the robot's other lidars, by their frames.
+    value found is used. beside: of the robot's other lidars, by their topics.
     """
 
     values: FloatArray
@@ -55,9 +55,9 @@ class LaserCalibration:
     beside: Mapping[str, LaserCalibration] = field(default_factory=dict)
 
     @staticmethod
-    def unknown(log: Log, sweep_s: float = 0.0) -> LaserCalibration:
+    def unknown(T_base_laser: FloatArray, sweep_s: float = 0.0) -> LaserCalibration:
         """Nothing known but what is declared; sweep_s: of all beams of a scan."""
-        declared = np.array([1.0, 0.0, sweep_s, *se2_from_se3(log.T_base_laser)])
+        declared = np.array([1.0, 0.0, sweep_s, *se2_from_se3(T_base_laser)])
         none = np.zeros(len(NAMES), dtype=np.bool_)
         return LaserCalibration(declared, np.full(len(NAMES), np.inf), declared, none)
 
@@ -80,8 +80,8 @@ class LaserCalibration:
         if not any(one.corrected.any() for one in (self, *self.beside.values())):
             return log
         warnings = self._warnings()
-        for frame, one in self.beside.items():
-            warnings += [f"{frame}: {words}" for words in one._warnings()]
+        for topic, one in self.beside.items():
+            warnings += [f"{topic}: {words}" for words in one._warnings()]
         return replace(
             log,
             scans=_Corrected(log.scans, self),
@@ -138,7 +138,7 @@ class _Corrected:
     def __init__(self, scans: ScanSource, lidar: LaserCalibration) -> None:
         self._scans, self._own = scans, _CorrectedShape(lidar)
         self._beside = {
-            frame: (_CorrectedShape(one), one.mounted) for frame, one in lidar.beside.items()
+            topic: (_CorrectedShape(one), one.mounted) for topic, one in lidar.beside.items()
         }
 
     def __len__(self) -> int:
@@ -150,11 +150,11 @@ class _Corrected:
             yield replace(self._own.corrected(scan), beside=beside)
 
     def _corrected_beside(self, other: ScanBeside) -> ScanBeside:
-        known = self._beside.get(other.scan.geometry.frame_id)
+        known = self._beside.get(other.topic)
         if known is None:
             return other
         shape, mounted = known
-        return ScanBeside(shape.corrected(other.scan), mounted(other.T_base_laser))
+        return ScanBeside(shape.corrected(other.scan), mounted(other.T_base_laser), other.topic)
 
 
 class _CorrectedShape:

@@ -8,6 +8,7 @@ the radii of the wheels alike.
 
 from __future__ import annotations
 
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -16,13 +17,12 @@ import numpy as np
 from slamsim.config.slam import MotionConfig, SlamConfig
 from slamsim.core.types import (
     BoolArray,
-    Float32Array,
     FloatArray,
     IntArray,
     Log,
     Scan,
+    ScanBeside,
     ScanGeometry,
-    ScanSource,
 )
 from slamsim.models.wheel_gyro import PARAMETERS
 from slamsim.recording import RawScans, ScanLayout
@@ -71,12 +71,12 @@ BENT = [ANGLE_SCALE, RANGE_OFFSET]
 """What noise makes of these is looked into before they are corrected; of the sweep it is known
 (``scan_motion.made_up_sweep``)."""
 
-KEPT_BYTES = 64 << 20
-"""Recordings with more ranges are read twice."""
-
 LIVELY, MOST = 0.9, 2.0
 """Of all steps between scans, this share is smaller than the unit of liveliness; more than so many
 units count no more."""
+
+_FIRST = ""
+"""For a topic, of which a log does not know the first lidar's."""
 
 
 def laser_of(
@@ -84,31 +84,28 @@ def laser_of(
 ) -> LaserCalibration:
     """A log's lidars as their scans and odometry show them; as declared if that is wanted, or
     fails."""
-    found = LaserCalibration.unknown(log)
+    found = LaserCalibration.unknown(log.T_base_laser)
     if config.calibrate_laser:
         with failures.caught("laser calibration", 0):
-            survey, motion = _survey(log), config.front_end.motion
-            lidars = [_calibrated(log, survey, odometry, motion)]
-            for frame_id, T_base_laser in survey.beside.items():
-                alone = replace(log, scans=_Alone(log.scans, frame_id), T_base_laser=T_base_laser)
-                lidars.append(_calibrated(alone, _survey(alone), odometry, motion))
-            first, *beside = _moved_together(lidars)
-            found = replace(first, beside=dict(zip(survey.beside, beside, strict=True)))
+            lidars, motion = _lidars(log, odometry), config.front_end.motion
+            first, *beside = _moved_together(
+                [_calibrated(one, odometry, motion) for one in lidars.values()]
+            )
+            found = replace(first, beside=dict(zip([*lidars][1:], beside, strict=True)))
     return found
 
 
 def calibrate_laser(log: Log, odometry: Odometry | None, config: MotionConfig) -> LaserCalibration:
     """What the log itself says of its laser; nothing is corrected where it says too little. Other
     lidars beside it are left alone."""
-    return _calibrated(log, _survey(log), odometry, config)[0]
+    return _calibrated(_lidars(log, odometry)[_FIRST], odometry, config)[0]
 
 
 def _calibrated(
-    log: Log, survey: _Survey, odometry: Odometry | None, config: MotionConfig
+    lidar: _Lidar, odometry: Odometry | None, config: MotionConfig
 ) -> tuple[LaserCalibration, Mount | None]:
-    windows = choose_windows(survey.stamps_ns, _activity(odometry, survey.stamps_ns))
-    scans, windows = _rows(log, survey, windows)
-    unknown = LaserCalibration.unknown(log, survey.sweep_s)
+    scans, windows, T_base_laser = lidar.scans, lidar.windows, lidar.T_base_laser
+    unknown = LaserCalibration.unknown(T_base_laser, lidar.sweep_s)
     mount: Mount | None = None
     some = windows[:: max(len(windows) // FIRST_WINDOWS, 1)]
     for looked_at in (some, windows):
@@ -117,68 +114,73 @@ def _calibrated(
         if found.corrected[BENT].any():
             motions = without_noise_bias(scans, looked_at, motions)
             found = _with_shape(unknown, motions)
-        if odometry is not None and _declares_mount(log.T_base_laser):
+        if odometry is not None and _declares_mount(T_base_laser):
             later_ns = round(0.5e9 * float((found.used - found.declared)[SWEEP]))
-            seen = _from_above(motions.windows, upside_down=log.T_base_laser[2, 2] < 0.0)
+            seen = _from_above(motions.windows, upside_down=T_base_laser[2, 2] < 0.0)
             mount = find_mount(seen, later_ns, odometry, found.declared[MOUNT], config)
-            found = _with_mount(found, mount, by_counters=log.encoders is not None)
+            found = _with_mount(found, mount, by_counters=lidar.by_counters)
         if not _doubtful(found) or len(some) == len(windows):
             break
     return found, mount
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Survey:
-    """stamps_ns: (n,). geometries: the distinct ones; geometry_of: (n,) which one each scan has.
-    rows: the ranges of all scans, None if these are too many to keep. beside: the other lidars by
-    their frames, 4 x 4 T_base_laser of each."""
+class _Lidar:
+    """A lidar of a log as its calibration sees it.
 
-    stamps_ns: IntArray
-    geometries: tuple[ScanGeometry, ...]
-    geometry_of: IntArray
-    rows: list[Float32Array] | None
-    beside: dict[str, FloatArray]
+    scans: those of the windows alone. windows: as indices of these. sweep_s: from the first beam to
+    the last, as declared. by_counters: whether odometry is that of wheel encoders.
+    """
 
-    @property
-    def sweep_s(self) -> float:
-        """From the first beam to the last, as declared."""
-        return self.geometries[0].duration_ns * 1e-9 if self.geometries else 0.0
+    T_base_laser: FloatArray
+    scans: RawScans
+    windows: list[IntArray]
+    sweep_s: float
+    by_counters: bool
 
 
-def _survey(log: Log) -> _Survey:
-    """One pass over all scans."""
-    numbers: dict[ScanGeometry, int] = {}
-    found: list[tuple[int, int]] = []
-    rows: list[Float32Array] | None = []
-    beside: dict[str, FloatArray] = {}
-    size = 0
+def _lidars(log: Log, odometry: Odometry | None) -> dict[str, _Lidar]:
+    """All lidars by their topics, the first one under ``_FIRST``. The log is read twice, for the
+    stamps alone and for the scans of the windows: all ranges of a long one fill the memory."""
+    stamps_ns: defaultdict[str, list[int]] = defaultdict(list)
+    mounts = {_FIRST: log.T_base_laser}
+    for one in _all_scans(log):
+        stamps_ns[one.topic].append(one.scan.stamp_ns)
+        mounts.setdefault(one.topic, one.T_base_laser)
+    windows = {topic: _windows(stamps_ns[topic], odometry) for topic in mounts}
+
+    wanted = {
+        topic: {number for window in each for number in window.tolist()}
+        for topic, each in windows.items()
+    }
+    number: Counter[str] = Counter()
+    kept: dict[str, list[Scan]] = {topic: [] for topic in mounts}
+    for one in _all_scans(log):
+        if number[one.topic] in wanted[one.topic]:
+            kept[one.topic].append(one.scan)
+        number[one.topic] += 1
+    return {
+        topic: _Lidar(
+            T_base_laser=T_base_laser,
+            scans=_raw(kept[topic]),
+            windows=[np.searchsorted(sorted(wanted[topic]), each) for each in windows[topic]],
+            sweep_s=1e-9 * max((scan.geometry.duration_ns for scan in kept[topic][:1]), default=0),
+            by_counters=log.encoders is not None,
+        )
+        for topic, T_base_laser in mounts.items()
+    }
+
+
+def _all_scans(log: Log) -> Iterator[ScanBeside]:
+    """Of all lidars."""
     for scan in log.scans:
-        found.append((scan.stamp_ns, numbers.setdefault(scan.geometry, len(numbers))))
-        size += scan.ranges_m.nbytes
-        if size > KEPT_BYTES:
-            rows = None
-        if rows is not None:
-            rows.append(scan.ranges_m)
-        for other in scan.beside:
-            beside.setdefault(other.scan.geometry.frame_id, other.T_base_laser)
-    stamps_ns, geometry_of = np.array(found, dtype=np.int64).reshape(-1, 2).T
-    return _Survey(stamps_ns, tuple(numbers), geometry_of, rows, beside)
+        yield ScanBeside(scan, log.T_base_laser, _FIRST)
+        yield from scan.beside
 
 
-class _Alone:
-    """The scans of one lidar of several that is not the first."""
-
-    def __init__(self, scans: ScanSource, frame_id: str) -> None:
-        self._scans, self._frame_id = scans, frame_id
-
-    def __len__(self) -> int:
-        return len(self._scans)
-
-    def __iter__(self) -> Iterator[Scan]:
-        for scan in self._scans:
-            for other in scan.beside:
-                if other.scan.geometry.frame_id == self._frame_id:
-                    yield other.scan
+def _windows(stamps_ns: list[int], odometry: Odometry | None) -> list[IntArray]:
+    stamps = np.array(stamps_ns, dtype=np.int64)
+    return choose_windows(stamps, _activity(odometry, stamps))
 
 
 def _activity(odometry: Odometry | None, stamps_ns: IntArray) -> FloatArray | None:
@@ -201,24 +203,18 @@ def _activity(odometry: Odometry | None, stamps_ns: IntArray) -> FloatArray | No
     return active
 
 
-def _rows(log: Log, survey: _Survey, windows: list[IntArray]) -> tuple[RawScans, list[IntArray]]:
-    """The scans of the windows alone, and the windows as indices of these."""
-    wanted = np.unique(np.concatenate([np.zeros(0, np.int64), *windows]))
-    kept = set(wanted.tolist())
-    if survey.rows is None:
-        rows = [scan.ranges_m for number, scan in enumerate(log.scans) if number in kept]
-    else:
-        rows = [survey.rows[number] for number in wanted.tolist()]
-    scans = RawScans(
+def _raw(scans: list[Scan]) -> RawScans:
+    numbers: dict[ScanGeometry, int] = {}
+    layout_of = [numbers.setdefault(scan.geometry, len(numbers)) for scan in scans]
+    return RawScans(
         topic="",
         frame_ids=(),
-        stamps_ns=survey.stamps_ns[wanted],
+        stamps_ns=np.array([scan.stamp_ns for scan in scans], dtype=np.int64),
         received_ns=None,
-        layouts=tuple(map(_layout, survey.geometries)),
-        layout_of=survey.geometry_of[wanted].astype(np.int32),
-        ranges_m=rows,
+        layouts=tuple(map(_layout, numbers)),
+        layout_of=np.array(layout_of, dtype=np.int32),
+        ranges_m=[scan.ranges_m for scan in scans],
     )
-    return scans, [np.searchsorted(wanted, window) for window in windows]
 
 
 def _layout(geometry: ScanGeometry) -> ScanLayout:
