@@ -1,7 +1,7 @@
 """Planar scans cut out of the point clouds of a 3-D lidar or a depth camera.
 
 A ring that looks level is a planar lidar already; without one, all returns in a band of heights
-count, the nearest in each direction. A cloud that leans against the robot is levelled first.
+count, the nearest in each direction. A cloud that leans is levelled first.
 """
 
 from __future__ import annotations
@@ -14,13 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamsim.core.geometry import wrap_angle, xyzw_from_matrix
-from slamsim.core.types import FloatArray, IntArray
+from slamsim.core.types import FloatArray, IntArray, Trajectory
 from slamsim.recording import RawScans, ScanLayout, TransformEdge
+from slamsim.recording.cloud_motion import LEVEL, CloudMotion
 from slamsim.recording.row_store import RowStore
 from slamsim.recording.sweeps import Points, Sweep, sweep_of
 
-LEVEL = math.cos(math.radians(0.1))
-"""Leaning less, a return 10 m away is 17 mm higher or lower than it seems."""
 _LEVEL_RING_RAD = math.radians(1.5)
 """Half the distance between the rings of common lidars with the fewest (2.9 deg): one is closer."""
 _BAND_M = 0.3
@@ -141,12 +140,20 @@ class _Plan:
 class CloudSlicer:
     """Makes scans of the clouds of one topic, batch by batch; the first one tells how to cut.
 
-    note: how it is done, in words, after the first batch.
+    path: how the base of the place moved, None if that is not known. note: how it is done, in
+    words, after the first batch.
     """
 
-    def __init__(self, topic: str, place: Place, wanted_m: Heights | None) -> None:
+    def __init__(
+        self, topic: str, place: Place, wanted_m: Heights | None, path: Trajectory | None = None
+    ) -> None:
         self._topic, self._place, self._wanted_m = topic, place, wanted_m
         self._R_sensor_level = place.levelled()
+        self._motion: CloudMotion | None = None
+        if path is not None and len(path):
+            T_base_level = place.T_base_sensor.copy()
+            T_base_level[:3, :3] = T_base_level[:3, :3] @ self._R_sensor_level
+            self._motion = CloudMotion(path, T_base_level)
         self._plan: _Plan | None = None
         self._layouts: dict[ScanLayout, int] = {}
         self._layout_of: list[int] = []
@@ -161,9 +168,12 @@ class CloudSlicer:
         level = [replace(cloud, xyz_m=cloud.xyz_m @ self._R_sensor_level) for cloud in clouds]
         if self._plan is None and level:
             self._plan, self.note = _planned(level, self._place, self._wanted_m)
+            if self._motion is not None:
+                self.note += self._motion.note(self._plan.sweep)
         for cloud in level:
             assert self._plan is not None
-            self._append(cloud, self._plan)
+            motion, sweep = self._motion, self._plan.sweep
+            self._append(cloud if motion is None else motion.undone(cloud, sweep), self._plan)
 
     def _append(self, cloud: Points, plan: _Plan) -> None:
         chosen = plan.chosen(cloud)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,12 +24,12 @@ from cloud_bags import (
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scan_recording import truth
-from simulated import ate_rmse_m
+from scan_recording import truth, world
+from simulated import ate_rmse_m, true_ranges
 
 from slamsim.config.loading import load_run_config
 from slamsim.core.geometry import matrix_from_rpy, transform_points, xyzw_from_matrix
-from slamsim.core.types import FloatArray, PlanarTrajectory, Scan, ScanGeometry
+from slamsim.core.types import FloatArray, PlanarTrajectory, Scan, ScanGeometry, Trajectory
 from slamsim.guard.errors import InputRefused, OverrideRefused, SlamsimError
 from slamsim.io.open import open_recording, read_log, read_recording, survey_recording
 from slamsim.io.ros.clouds import UnusableClouds, points_of
@@ -269,6 +270,98 @@ def test_times_of_a_rosette_put_its_points_in_no_order(turns: bool) -> None:
     times_s = np.repeat(times_s, len(xyz_m) // 360)
     slicer.add([Points(n * 10**8, n * 10**8, xyz_m, time=times_s) for n in range(3)])
     assert slicer.stream().in_order is turns
+
+
+ROSETTE = tuple(
+    replace(
+        TURNING,
+        angle_min_rad=np.deg2rad(-180.0 + 0.5 * turn),
+        angle_step_rad=np.deg2rad(5.0 * (-1) ** turn),
+        beam_count=72,
+    )
+    for turn in range(10)
+)
+"""Ten turns in a tenth of a second, to and fro, each of them half a degree beside the last."""
+HEIGHTS_M = np.arange(-2.0, 2.01, 0.1)
+
+
+def walls_seen(
+    path: PlanarTrajectory, stamp_ns: int, turns: Sequence[ScanGeometry]
+) -> tuple[FloatArray, FloatArray]:
+    """((n, 3) places up and down on the walls that are seen, (n,) seconds after the stamp)."""
+    ends_m, after_s, begin_ns = [], [], 0
+    for turn in turns:
+        ranges_m = true_ranges(world()[0], path, stamp_ns + begin_ns, turn)
+        ends_m.append(ends_of(Scan(0, ranges_m.astype(np.float32), turn)))
+        after_s.append(1e-9 * (begin_ns + turn.offsets_ns()[np.isfinite(ranges_m)]))
+        begin_ns += turn.beam_count * turn.beam_dt_ns
+    xy_m = np.repeat(np.concatenate(ends_m), len(HEIGHTS_M), axis=0)
+    xyz_m = np.column_stack([xy_m, np.tile(HEIGHTS_M, len(xy_m) // len(HEIGHTS_M))])
+    return xyz_m, np.repeat(np.concatenate(after_s), len(HEIGHTS_M))
+
+
+def off_walls_m(found: Scan, path: PlanarTrajectory, stamp_ns: int) -> FloatArray:
+    """(k,) by how much its ranges are off those seen from where the path is at a stamp."""
+    at_once = replace(found.geometry, beam_dt_ns=0)
+    off_m = found.ranges_m - true_ranges(world()[0], path, stamp_ns, at_once)
+    return np.abs(off_m[np.isfinite(off_m)])
+
+
+@pytest.mark.parametrize("by_transforms", [False, True])
+def test_a_rosette_is_seen_from_the_middle_of_its_cloud(
+    tmp_path: Path, by_transforms: bool
+) -> None:
+    """The robot turns by up to 9 degrees meanwhile."""
+    clouds, stamps_ns = [], [172 * 10**8 + number * 10**8 for number in range(FEW)]
+    for stamp_ns in stamps_ns:
+        xyz_m, after_s = walls_seen(truth(), stamp_ns, ROSETTE)
+        columns = dict(zip("xyz", xyz_m.T, strict=True)) | {"offset_time": np.rint(1e9 * after_s)}
+        clouds.append(cloud(START_NS + stamp_ns, columns, {"offset_time": "u4"}))
+    log = read_log(bag_of(tmp_path / "a.mcap", as_messages(clouds), by_transforms=by_transforms))
+    assert "as one instant, the middle one; moved there by odometry" in log.sources
+    for found, stamp_ns in zip(log.scans, stamps_ns, strict=True):
+        middle_ns = stamp_ns + 50_000_000
+        assert abs(found.stamp_ns - START_NS - middle_ns) < 500_000
+        assert np.quantile(off_walls_m(found, truth(), middle_ns), 0.9) < 0.02
+
+
+@pytest.mark.parametrize("turns", [(TURNING,), ROSETTE, (replace(TURNING, beam_dt_ns=0),)])
+def test_a_robot_that_leans_has_level_scans(turns: Sequence[ScanGeometry]) -> None:
+    """It stands and rocks by 5 degrees twice a second; the sensor sits ahead and above."""
+    standing = PlanarTrajectory(np.array([0, 10**10]), np.tile(truth().poses[100], (2, 1)))
+    place = Place("lidar", "base_link", np.eye(4))
+    place.T_base_sensor[:3, 3] = arm_m = np.array([0.3, 0.0, 0.2])
+
+    def leaning(at_s: FloatArray) -> FloatArray:
+        lean_rad = np.deg2rad(5.0) * np.sin(4.0 * np.pi * at_s)
+        return np.array([matrix_from_rpy(0.5 * one, one, 0.7) for one in lean_rad.tolist()])
+
+    asked_s = np.arange(0.0, 2.0, 0.005)
+    quats_xyzw = np.array([xyzw_from_matrix(one) for one in leaning(asked_s)])
+    positions_m = np.tile([3.0, -2.0, 0.4], (len(asked_s), 1))
+    path = Trajectory(np.rint(1e9 * asked_s).astype(np.int64), positions_m, quats_xyzw)
+    clouds = []
+    for stamp_ns in range(0, FEW * 10**8, 10**8):
+        xyz_m, after_s = walls_seen(standing, stamp_ns, turns)
+        R_base_upright = np.swapaxes(leaning(1e-9 * stamp_ns + after_s), 1, 2)
+        R_base_upright = R_base_upright @ matrix_from_rpy(0.0, 0.0, 0.7)
+        leant_m = np.einsum("nij,nj->ni", R_base_upright, xyz_m + arm_m) - arm_m
+        clouds.append(Points(stamp_ns, stamp_ns, leant_m, time=after_s))
+    slicer = CloudSlicer("/points", place, (0.1, 0.3), path)
+    slicer.add(clouds)
+    assert slicer.note.endswith("levelled by odometry")
+    scans = slicer.stream()
+    for number, ranges_m in enumerate(scans.ranges_m):
+        layout, beams = scans.layout(number), len(ranges_m)
+        found = replace(
+            turns[0],
+            angle_min_rad=layout.angle_min_rad,
+            angle_step_rad=layout.angle_step_rad,
+            beam_count=beams,
+        )
+        off_m = off_walls_m(Scan(0, ranges_m, found), standing, 0)
+        assert off_m.size > 0.9 * beams
+        assert np.quantile(off_m, 0.9) < 0.01
 
 
 def test_channels_that_fire_together_at_other_azimuths_are_in_order() -> None:

@@ -115,9 +115,14 @@ def slab_of(scan: Scan, seed: int) -> Any:
 
 
 def bag_of(
-    path: Path, clouds: list[Message], q_base_sensor_xyzw: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0)
+    path: Path,
+    clouds: list[Message],
+    q_base_sensor_xyzw: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0),
+    *,
+    by_transforms: bool = False,
 ) -> Path:
-    """With odometry, a gyroscope and the sensor's mounting: an MCAP."""
+    """With odometry, as messages or as transforms, a gyroscope and the sensor's mounting: an
+    MCAP."""
     from scan_recording import raw_scans
 
     whole = recording(raw_scans(sensed()), 0)
@@ -127,7 +132,8 @@ def bag_of(
         setattr(mount.transform.rotation, axis, value)
     imu = ROBOT.transform(START_NS, ("base_footprint", "imu_link"))
     messages: list[Message] = [("/tf_static", START_NS, ROBOT.tf(mount, imu)), *clouds]
-    messages += [*_odometry(whole.of(RawOdometry)[0]), *_gyro(whole.of(RawImu)[0])]
+    told = _transforms if by_transforms else _odometry
+    messages += [*told(whole.of(RawOdometry)[0]), *_gyro(whole.of(RawImu)[0])]
     return as_mcap(path, sorted(messages, key=lambda message: message[1]), chunk_size=1 << 20)
 
 
@@ -140,6 +146,17 @@ def _odometry(odometry: RawOdometry) -> list[Message]:
         message.pose.pose.position.y = float(place[1])
         message.pose.pose.orientation.z, message.pose.pose.orientation.w = turn[2:].tolist()
         found.append(("/odom", START_NS + stamp, message))
+    return found
+
+
+def _transforms(odometry: RawOdometry) -> list[Message]:
+    found: list[Message] = []
+    for _, stamp_ns, message in _odometry(odometry):
+        pose, moved = message.pose.pose, ROBOT.transform(stamp_ns, ("odom", "base_footprint"))
+        for axis in "xyz":
+            setattr(moved.transform.translation, axis, getattr(pose.position, axis))
+        moved.transform.rotation = pose.orientation
+        found.append(("/tf", stamp_ns, ROBOT.tf(moved)))
     return found
 
 

@@ -10,12 +10,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from slamsim.core.types import Trajectory
 from slamsim.guard.errors import InputRefused
 from slamsim.io.ros.bag import Bag, open_bag
-from slamsim.recording import RawScans, RecordedTopic, Recording
+from slamsim.recording import RawOdometry, RawScans, RecordedTopic, Recording
+from slamsim.recording.choice import ranked
 from slamsim.recording.cleaning.rising_stamps import epoch_of
+from slamsim.recording.cleaning.streams import chain_of, trajectory_of
 from slamsim.recording.clouds import CloudSlicer, CloudsWanted, Place
-from slamsim.recording.frames import FrameTree, frame_name, known_mounting, likely_base
+from slamsim.recording.frames import (
+    FrameTree,
+    frame_name,
+    known_mounting,
+    likely_base,
+    odometry_chain,
+)
 from slamsim.recording.sweeps import Points
 
 _BATCH_BYTES = 16 << 20
@@ -93,7 +102,8 @@ class _Topic:
             message = self._bag.deserialize(self.name, data)
             if self._slicer is None:
                 frame = frame_name(message.header.frame_id)
-                self._slicer = CloudSlicer(self.name, self._place(frame), self._wanted.heights_m)
+                place, path = self._place(frame)
+                self._slicer = CloudSlicer(self.name, place, self._wanted.heights_m, path)
             self._held.append(points_of(message, received_ns))
         except UnusableClouds as error:
             self.trouble = str(error)
@@ -109,16 +119,17 @@ class _Topic:
         self._damaged += 1
         self._first_damage = self._first_damage or reason
 
-    def _place(self, frame: str) -> Place:
-        """Where the sensor sits by transforms that never move."""
+    def _place(self, frame: str) -> tuple[Place, Trajectory | None]:
+        """(where the sensor sits by transforms that never move, how its base moved)."""
         edges = self._recording.transforms
         tree = FrameTree()
         for is_static in (True, False):
             tree.add(edge for edge in edges if edge.is_static == is_static)
             known = known_mounting(tree, self._base_frame or likely_base(tree), frame)
             if known is not None:
-                return Place(frame, known[1], known[0])
-        return Place(frame, "", np.eye(4))
+                place = Place(frame, known[1], known[0])
+                return place, _path(self._recording, tree, place)
+        return Place(frame, "", np.eye(4)), None
 
     def _flush(self) -> None:
         try:
@@ -149,6 +160,19 @@ class _Topic:
             return ""
         counts = f"{self._damaged:,} of {self._seen:,} clouds"
         return f"{self.name}: {counts} cannot be used ({self._first_damage})"
+
+
+def _path(recording: Recording, tree: FrameTree, place: Place) -> Trajectory | None:
+    """T_odom_base of the sensor's base by the odometry that SLAM reads, or else by transforms."""
+    for topic in ranked(recording, RawOdometry):
+        for raw in recording.odometries:
+            if raw.topic == topic.topic and place.base_frame in raw.child_frame_ids[:1]:
+                return trajectory_of(raw)
+    tree.add(edge for edge in recording.transforms if not edge.is_static)
+    edges = odometry_chain(tree, place.frame)
+    if not edges or edges[-1][1] != place.base_frame:
+        return None
+    return chain_of(recording.transforms, edges)
 
 
 def points_of(message: Any, received_ns: int) -> Points:
