@@ -23,6 +23,7 @@ from slamsim.core.types import Float32Array, FloatArray
 from slamsim.io.bag2.writer import write_recording
 from slamsim.io.open import open_recording
 from slamsim.recording import RawImu, RawOdometry, RawScans, Recording, ScanLayout, TransformEdge
+from slamsim.recording.edits.messages import select
 from slamsim.recording.repairs.apply import apply_repairs
 from slamsim.slam.matching.range_noise import COARSE_STEP_M, rounding_step_m
 
@@ -280,7 +281,7 @@ def felt(imu: RawImu, quat_xyzw: tuple[float, float, float, float] = UPRIGHT) ->
 
 
 def test_a_healthy_unit() -> None:
-    assert [finding.verdict for finding in felt(turning_imu())] == ["ok"] * 6
+    assert [finding.verdict for finding in felt(turning_imu())] == ["ok"] * 7
 
 
 def test_a_unit_on_its_side_that_says_so_is_healthy() -> None:
@@ -575,4 +576,37 @@ def test_what_is_usual_is_sought_once_however_many_spikes_there_are() -> None:
         found = list(check_readings(Recording("t", "mcap", streams=(imu,)), imu))
     words = [one.words for one in found if one.fault == "imu_spikes"]
     assert words[0].endswith(f"the farthest is {np.linalg.norm(accelerations[1000]):.3g}")
-    assert median.call_count < 5
+    assert median.call_count < 10
+
+
+@pytest.mark.parametrize(
+    ("every", "lasts", "share", "fault"),
+    [
+        (10, 1, 0.0, True),  # a bus that reads nothing now and then
+        (25, 1, 5.0, True),
+        (400, 1, 0.0, False),  # now and then
+        (50, 4, 2.0, False),  # shaken for some readings
+        (10, 1, 0.9, False),
+    ],
+)
+def test_single_turn_rates_that_leap(every: int, lasts: int, share: float, fault: bool) -> None:
+    imu = turning_imu()
+    rates = imu.angular_velocity_rad_s * np.sin(imu.stamps_ns * 2e-9)[:, None]
+    for begin in range(20, len(rates) - lasts, every):
+        rates[begin : begin + lasts] *= share
+    rates += np.random.default_rng(2).normal(0.0, 2e-3, rates.shape)
+    made = replace(imu, angular_velocity_rad_s=rates)
+    found = check_readings(Recording("t", "mcap", streams=(made,)), made)
+    assert ("imu.leaps" in {one.check for one in found if one.fault == "imu_spikes"}) == fault
+
+
+def test_messages_in_the_wrong_order_are_no_turn_rates_that_leap() -> None:
+    imu = turning_imu()
+    rates = imu.angular_velocity_rad_s * np.sin(imu.stamps_ns * 2e-9)[:, None]
+    order = np.arange(len(imu))
+    some = np.arange(10, len(order) // 2, 10)
+    order[some] = order[some[::-1] + len(order) // 2]
+    order[some[::-1] + len(order) // 2] = some
+    made = select(replace(imu, angular_velocity_rad_s=rates), order)
+    found = check_readings(Recording("t", "mcap", streams=(made,)), made)
+    assert "imu_spikes" not in {one.fault for one in found}

@@ -20,6 +20,7 @@ from slamsim.check.question import (
 from slamsim.check.questions.inertial.frozen import IMU_STUCK
 from slamsim.check.questions.inertial.readings import (
     AXES,
+    LEAPS,
     ORIENTATION,
     SPIKES,
     VALUES,
@@ -119,7 +120,7 @@ def check_inertial(evidence: RecordingEvidence) -> list[Finding]:
 GROUP = QuestionGroup(
     "inertial unit",
     50,
-    (VALUES, SPIKES, AXES, ORIENTATION, GRAVITY, AXIS, STUCK),
+    (VALUES, SPIKES, LEAPS, AXES, ORIENTATION, GRAVITY, AXIS, STUCK),
     check_inertial,
 )
 
