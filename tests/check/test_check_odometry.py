@@ -140,6 +140,19 @@ def test_twists_that_are_wrong_for_a_fifth_of_the_drive(
         assert twist_of(apply_repairs(made, found.repairs)).verdict == "ok"
 
 
+def test_poses_that_jump_are_no_twist_that_is_wrong() -> None:
+    """As of a counter that overflows: all at once the robot is turned."""
+
+    def jumping(odometry: RawOdometry) -> RawOdometry:
+        turned = 2.0 * (np.arange(len(odometry)) > len(odometry) // 2)
+        places, corner = odometry.positions_m.copy(), odometry.positions_m[len(odometry) // 2]
+        places[:, :2] = corner[:2] + rotated(places[:, :2] - corner[:2], turned)
+        quats = xyzw_from_yaw(yaw_from_xyzw(odometry.quats_xyzw) + turned)
+        return replace(odometry, positions_m=places, quats_xyzw=quats)
+
+    assert twist_of(robot().changed(RawOdometry, jumping)).verdict == "ok"
+
+
 @pytest.mark.parametrize("value", [0.0, np.nan])
 def test_messages_without_twists_are_no_fault(value: float) -> None:
     none = np.full_like(robot().odometries[0].linear_m_s, value)

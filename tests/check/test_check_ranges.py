@@ -600,6 +600,18 @@ def test_single_turn_rates_that_leap(every: int, lasts: int, share: float, fault
     assert ("imu.leaps" in {one.check for one in found if one.fault == "imu_spikes"}) == fault
 
 
+def test_noise_beside_stamps_that_repeat_is_no_turn_rate_that_leaps() -> None:
+    """Of which the usual period is none."""
+    imu = turning_imu()
+    stands = np.arange(len(imu)) % 500 < 300
+    noise = np.random.default_rng(4).laplace(0.0, 1.0, (len(imu), 3))
+    rates = imu.angular_velocity_rad_s.mean(axis=0) + noise * np.where(stands, 3e-4, 4e-3)[:, None]
+    stamps_ns = imu.stamps_ns // (SECOND // 10) * (SECOND // 10)
+    made = replace(imu, stamps_ns=stamps_ns, angular_velocity_rad_s=rates)
+    found = check_readings(Recording("t", "mcap", streams=(made,)), made)
+    assert "imu_spikes" not in {one.fault for one in found}
+
+
 def test_messages_in_the_wrong_order_are_no_turn_rates_that_leap() -> None:
     imu = turning_imu()
     rates = imu.angular_velocity_rad_s * np.sin(imu.stamps_ns * 2e-9)[:, None]

@@ -27,9 +27,9 @@ FALL_S = (0.022, 0.3)
 of 0.44 m. A dog of MuJoCo that trots has at most 0.03 % of readings that no fall explains at 50 Hz
 and above, and 0.7 % below, where a flight is a single reading: between the usual periods of 20 and
 25 ms, for clocks are a little off."""
-LEAP_RAD_S2, LEAP_SIGMAS, BESIDE = 30.0, 6.0, 2
-"""No robot on wheels turns so much faster for one reading and back; and in scatters of readings
-about the median of those on either side."""
+LEAP_RAD_S, LEAP_RAD_S2, LEAP_SIGMAS, BESIDE = 0.3, 30.0, 6.0, 2
+"""By so much in a period no robot on wheels turns faster for one reading and back, nor by so many
+scatters of readings about the median of those on either side."""
 CALM = 0.3
 """Of a leap: the readings beside it leap by less. Feet and sills shake several in a row."""
 MAX_LEAP_SHARE = 5e-3
@@ -181,7 +181,7 @@ def _leaping(rates: FloatArray, period_s: float) -> BoolArray:
     off = np.abs(around - np.median(around, axis=1)[:, None])
     leap, beside = off[:, BESIDE], np.maximum(off[:, BESIDE - 1], off[:, BESIDE + 1])
     scatter = SIGMAS_PER_MEDIAN * float(np.median(leap))
-    least = max(LEAP_RAD_S2 * period_s, LEAP_SIGMAS * scatter)
+    least = max(LEAP_RAD_S, LEAP_RAD_S2 * period_s, LEAP_SIGMAS * scatter)
     return np.asarray((leap > least) & (beside < CALM * leap))
 
 

@@ -42,6 +42,8 @@ early, no stretch is told; of 69 stretches of a fifth of a drive, with turn rate
 times as large, 64, 61 and 61 are: in the others the robot hardly turns."""
 LEAST_IN_STRETCH = (0.5, 1.0)
 """Path, m, and turn, rad, without which a stretch says nothing."""
+IN_THREE_STEPS = 0.75
+"""Of the squares of all steps: where three hold more, poses jump."""
 
 TWIST = Question(
     "odometry.twist",
@@ -199,7 +201,9 @@ def _worst_stretch(known: FloatArray, said: FloatArray) -> _Stretch | None:
     for what, column, least in zip(("speed", "turn rate"), (0, 2), LEAST_IN_STRETCH, strict=True):
         for begin in range(0, len(known) - count + 1, round(LOOK_S / STEP_S)):
             steps = np.column_stack([known[:, column], said[:, column]])[begin : begin + count]
-            if np.abs(steps[:, 0]).sum() < least:
+            squares = np.sort(np.square(steps[:, 0]))
+            jumps = squares[-3:].sum() > IN_THREE_STEPS * squares.sum()
+            if jumps or np.abs(steps[:, 0]).sum() < least:
                 continue
             size = _too_large(*steps.T)
             is_worse = worst is None or abs(size.value) > abs(worst.size.value)
