@@ -144,7 +144,7 @@ def test_poses_that_jump_are_no_twist_that_is_wrong() -> None:
     """As of a counter that overflows: all at once the robot is turned."""
 
     def jumping(odometry: RawOdometry) -> RawOdometry:
-        turned = 2.0 * (np.arange(len(odometry)) > len(odometry) // 2)
+        turned = np.where(np.arange(len(odometry)) > len(odometry) // 2, 2.0, 0.0)
         places, corner = odometry.positions_m.copy(), odometry.positions_m[len(odometry) // 2]
         places[:, :2] = corner[:2] + rotated(places[:, :2] - corner[:2], turned)
         quats = xyzw_from_yaw(yaw_from_xyzw(odometry.quats_xyzw) + turned)

@@ -29,6 +29,7 @@ from slamsim.recording import (
     RawTicks,
     Recording,
 )
+from slamsim.recording.edits.messages import select
 from slamsim.recording.repairs.apply import apply_repairs
 from slamsim.sensors.faults.registry import load_fault
 
@@ -508,6 +509,28 @@ def test_stamps_made_up_at_a_constant_rate_are_contradicted_by_their_receipt() -
         return replace(scans_at(scans.stamps_ns[: keep.sum()], scans.stamps_ns[keep] + 70_000_000))
 
     assert _bad(_with_scans(numbered, 120.0))["/scan"] >= {"stamps_invented"}
+
+
+@pytest.mark.parametrize("same", [True, False])
+def test_parts_of_a_recording_that_overlap_are_told_by_their_copies(same: bool) -> None:
+    """Copies are left out; others with one stamp are stamped anew."""
+    made = recording(60.0)
+    rows = np.sort(np.concatenate([np.arange(200), np.arange(100, len(made.scans[0]))]))
+
+    def overlapping(scans: RawScans) -> RawScans:
+        twice = select(scans, rows)
+        noise = np.arange(len(twice), dtype=np.float32)[:, None] * (not same)
+        return replace(twice, ranges_m=np.asarray(twice.ranges_m) + noise)
+
+    faulty = made.changed(RawScans, overlapping)
+    (found,) = (one for one in stamp_findings(faulty) if one.fault)
+    assert {repair.operation for repair in found.repairs} == {
+        "drop_copies" if same else "restamp_evenly"
+    }
+    if same:
+        fixed = apply_repairs(faulty, found.repairs).scans[0]
+        np.testing.assert_array_equal(fixed.stamps_ns, made.scans[0].stamps_ns)
+        np.testing.assert_array_equal(fixed.ranges_m, made.scans[0].ranges_m)
 
 
 def test_scans_that_last_longer_than_their_period() -> None:

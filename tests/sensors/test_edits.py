@@ -395,7 +395,7 @@ PAIRS: Pairs = [
 LOSSY = {
     *("reorder", "restamp_evenly", "stamp_by_receipt", "drop_beams", "drop_stray_beams"),
     *("drop_repeated_scans", "drop_broken_readings", "drop_broken_poses", "drop_repeated_images"),
-    "drop_damaged_images",
+    *("drop_damaged_images", "drop_copies"),
 }
 """Repairs that leave out, or approximate, what a fault has destroyed."""
 APPROXIMATE = {

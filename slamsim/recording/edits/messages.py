@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -81,6 +81,30 @@ def select(messages: Messages, which: BoolArray | IntArray) -> Messages:
         elif value is not None:
             per_message[name] = [value[row] for row in rows]
     return replace(messages, **per_message)  # type: ignore[arg-type]
+
+
+def copies(messages: Messages) -> BoolArray:
+    """(n,) which messages say in every field, and at the same stamp, what an earlier one says."""
+    found = np.zeros(messages.stamps_ns.size, dtype=np.bool_)
+    found[[row for row, is_copy in _with_one_stamp(messages) if is_copy]] = True
+    return found
+
+
+def repeats_are_copies(messages: Messages) -> bool:
+    """Whether all messages that carry the stamp of an earlier one are copies of it."""
+    return all(is_copy for _, is_copy in _with_one_stamp(messages))
+
+
+def _with_one_stamp(messages: Messages) -> Iterator[tuple[int, bool]]:
+    """Numbers of messages with the stamp of an earlier one, and whether they are its copy."""
+    _, first, which = np.unique(messages.stamps_ns, return_index=True, return_inverse=True)
+    earlier = first[which]
+    fields = (field.name for field in messages.schema.fields if not field.is_constant)
+    held = (getattr(messages, name, None) for name in (*fields, "layout_of"))
+    values = [value for value in held if value is not None]
+    for row in np.flatnonzero(earlier != np.arange(earlier.size)).tolist():
+        one = earlier[row]
+        yield row, all(np.array_equal(each[row], each[one], equal_nan=True) for each in values)
 
 
 def with_sequence_numbers(recording: Recording) -> Recording:

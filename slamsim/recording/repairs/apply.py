@@ -45,6 +45,7 @@ _EVIDENT = frozenset(
         "undo_clock_step",
         "restamp_evenly",
         "stamp_by_receipt",
+        "drop_copies",
         "drop_repeated_scans",
         "drop_beams",
         "zero_to_inf",

@@ -13,7 +13,7 @@ from slamsim.recording import Messages, Recording
 from slamsim.recording.edits.base import STAMPED, CannotEdit, Edit
 from slamsim.recording.edits.beams import scan_durations_ns
 from slamsim.recording.edits.cameras import ChangeCameras, shifted
-from slamsim.recording.edits.messages import ChangeMessages, select
+from slamsim.recording.edits.messages import ChangeMessages, SelectMessages, copies, select
 from slamsim.recording.edits.stamps import (
     Restamp,
     ScaleStamps,
@@ -65,6 +65,11 @@ def undo_clock_step(recording: Recording, repair: Repair) -> Edit:
 def restamp_evenly(recording: Recording, repair: Repair) -> Edit:
     """Put every stamp on the even beat from which they scatter."""
     return Restamp(clock_of(recording, repair.subject), even_stamps, receipt_follows=True)
+
+
+def drop_copies(recording: Recording, repair: Repair) -> Edit:
+    """Leave out messages that are in every field a copy of an earlier one."""
+    return SelectMessages(STAMPED.on(repair.subject), lambda messages: ~copies(messages))
 
 
 def reorder(recording: Recording, repair: Repair) -> Edit:

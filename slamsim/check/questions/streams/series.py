@@ -11,8 +11,9 @@ import numpy as np
 from slamsim.core.quantiles import SIGMAS_PER_MEDIAN
 from slamsim.core.stamps import order_once
 from slamsim.core.types import FloatArray, IntArray
-from slamsim.recording import RawOdometry, Recording
+from slamsim.recording import RawOdometry, RawStream, Recording, TransformEdge
 from slamsim.recording.edits.beams import scan_durations_ns
+from slamsim.recording.edits.messages import copies, repeats_are_copies
 from slamsim.recording.edits.stamps import are_copies
 
 Kind = Literal["lidar", "imu", "wheels", "transform"]
@@ -36,6 +37,7 @@ class StampSeries:
     """stamps_ns: (n,) in the order of the file. received_ns: (n,) on the clock of the stamps if
     the recording tells how, None if unknown. lasts_ns: (n,) from stamp to the end of measuring.
     odometries: of a lidar, what may tell how far the robot drove from one scan to the next.
+    messages: of which these are the stamps.
     """
 
     subject: str
@@ -44,6 +46,7 @@ class StampSeries:
     received_ns: IntArray | None
     lasts_ns: IntArray
     odometries: tuple[RawOdometry, ...] = ()
+    messages: RawStream | TransformEdge | None = None
 
     def __len__(self) -> int:
         return int(self.stamps_ns.size)
@@ -82,6 +85,17 @@ class StampSeries:
         apart = min(_APART, max(instants_ns.size - 1, 1))
         elapsed_ns = instants_ns[apart:] - instants_ns[:-apart]
         return float(np.median(elapsed_ns)) * 1e-9 / apart if elapsed_ns.size else 0.0
+
+    @cached_property
+    def once(self) -> StampSeries:
+        """Without messages that are copies of another one, where all that repeat a stamp are."""
+        repeats = self.instants_ns.size < len(self)
+        if self.messages is None or not repeats or not repeats_are_copies(self.messages):
+            return self
+        kept = ~copies(self.messages)
+        received_ns = None if self.received_ns is None else self.received_ns[kept]
+        stamps_ns, lasts_ns = self.stamps_ns[kept], self.lasts_ns[kept]
+        return replace(self, stamps_ns=stamps_ns, received_ns=received_ns, lasts_ns=lasts_ns)
 
     @cached_property
     def travel_m(self) -> FloatArray | None:
@@ -130,20 +144,18 @@ def series_of(recording: Recording) -> list[StampSeries]:
             received_ns=s.received_ns,
             lasts_ns=scan_durations_ns(s),
             odometries=recording.odometries,
+            messages=s,
         )
         for s in recording.scans
     ]
-    found += [_instants(s.topic, "imu", s.stamps_ns, s.received_ns) for s in recording.imus]
+    found += [_instants(s.topic, "imu", s) for s in recording.imus]
     scan_topics = {scans.topic for scans in recording.scans}
     found += [
-        _instants(s.topic, "wheels", s.stamps_ns, s.received_ns)
+        _instants(s.topic, "wheels", s)
         for s in (*recording.ticks, *recording.odometries)
         if s.topic not in scan_topics  # in CARMEN logs a laser line carries the odometry
     ]
-    found += [
-        _instants(f"{e.topic} {e.name}", "transform", e.stamps_ns, e.received_ns)
-        for e in recording.moving
-    ]
+    found += [_instants(f"{e.topic} {e.name}", "transform", e) for e in recording.moving]
     return [_on_clock(series, recording.clock_ns) for series in found if len(series)]
 
 
@@ -230,10 +242,9 @@ def is_even(stamps_ns: IntArray) -> bool:
     return scatter_s is not None and scatter_s < _EVEN_SHARE * period_s
 
 
-def _instants(
-    subject: str, kind: Kind, stamps_ns: IntArray, received_ns: IntArray | None
-) -> StampSeries:
-    return StampSeries(subject, kind, stamps_ns, received_ns, np.zeros_like(stamps_ns))
+def _instants(subject: str, kind: Kind, of: RawStream | TransformEdge) -> StampSeries:
+    none = np.zeros_like(of.stamps_ns)
+    return StampSeries(subject, kind, of.stamps_ns, of.received_ns, none, messages=of)
 
 
 def _on_clock(series: StampSeries, clock_ns: IntArray | None) -> StampSeries:

@@ -114,7 +114,7 @@ REPEATS = Question(
     limit=100.0 * MAX_REPEATED_SHARE,
     unit="%",
     consequence="consumers drop one of two messages with one stamp, or divide by zero",
-    repairs=_EVENLY,
+    repairs=(*_EVENLY, "drop_copies"),
 )
 
 
@@ -130,9 +130,9 @@ def check_spacing(series: StampSeries) -> list[Finding]:
         return [*findings, unanswered(SPACING, series.subject, words)]
     if _any_fault(findings):
         return [*findings, check_gaps(series, countable=False)]
-    findings.append(_rounding(series))
+    findings.append(_rounding(series.once))
     if not _any_fault(findings):
-        findings.append(_scatter(series))
+        findings.append(_scatter(series.once))
     if not _any_fault(findings) or in_equal_groups(series.steps_s):
         findings.append(_repeats(series))
     return [*findings, check_gaps(series, countable=not _any_fault(findings))]
@@ -190,14 +190,16 @@ def _rounding(series: StampSeries) -> Finding:
 
 def _repeats(series: StampSeries) -> Finding:
     repeated = len(series) - series.instants_ns.size
+    copied = series.once is not series
+    words = f"{repeated:,} of {len(series):,} messages carry the stamp of another one"
     return judge(
         REPEATS,
         series.subject,
-        f"{repeated:,} of {len(series):,} messages carry the stamp of another one",
+        f"{words}, and are copies of it" if copied else words,
         Measurement(100.0 * repeated / len(series), 0.0, "%"),
         limit=100.0 * max(MAX_REPEATED_SHARE, (_MIN_REPEATED - 0.5) / len(series)),
         advice="Stamp each message with the instant of its own measurement.",
-        repairs=(Repair("restamp_evenly", series.subject),),
+        repairs=(Repair("drop_copies" if copied else "restamp_evenly", series.subject),),
         fault_plots=(steps_plot(series),),
     )
 
