@@ -5,8 +5,6 @@ When its parent is gone, standard input ends, and so does it.
 
 from __future__ import annotations
 
-import os
-import threading
 import time
 from collections.abc import Sequence
 from queue import Empty, SimpleQueue
@@ -17,8 +15,7 @@ import numpy as np
 from slamsim.guard.errors import SlamsimError
 from slamsim.live.mapping import Begin, Finish, Finished, MapNews, Placed, Ready, Taken
 from slamsim.live.slam_feed import Arrived, SlamFeed
-from slamsim.process.module_process import answers, requests
-from slamsim.process.pipe import packed, read_message
+from slamsim.process.module_process import answers, listen, requests, tell
 from slamsim.slam.frontend.tracking import Step
 from slamsim.slam.mapping.growing import GrowingMap
 from slamsim.slam.online.async_back_end import AsyncBackEnd
@@ -32,12 +29,12 @@ class _Worker:
     """One map after the other."""
 
     def __init__(self) -> None:
-        self._stream, self._requests = answers(), requests()
+        self._stream = answers()
         self._messages: SimpleQueue[object] = SimpleQueue()
         self._session: SlamSession | None = None
 
     def run(self) -> None:
-        threading.Thread(target=self._listen, daemon=True).start()
+        listen(requests(), self._messages.put)
         while True:
             try:
                 message = self._messages.get(timeout=MAP_PERIOD_S)
@@ -49,17 +46,8 @@ class _Worker:
             except SlamsimError as error:
                 self._tell(error)
 
-    def _listen(self) -> None:
-        """Take messages as they come, so that the pipe never fills; end with the parent."""
-        try:
-            while True:
-                self._messages.put(read_message(self._requests))
-        except EOFError:
-            os._exit(0)
-
     def _tell(self, answer: object) -> None:
-        self._stream.write(packed(answer))
-        self._stream.flush()
+        tell(self._stream, answer)
 
     def _heed(self, message: object) -> None:
         if isinstance(message, Begin):

@@ -9,12 +9,13 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+import threading
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from slamsim.process.children import Patience, dying_with_us
-from slamsim.process.pipe import Pipe
+from slamsim.process.pipe import Pipe, packed, read_message
 
 _PACKAGES = Path(__file__).parents[2]
 _STANDARD_INPUT, _STANDARD_OUTPUT, _STANDARD_ERROR = 0, 1, 2
@@ -88,6 +89,26 @@ def answers() -> BinaryIO:
     stream = os.fdopen(os.dup(_STANDARD_OUTPUT), "wb")
     os.dup2(_STANDARD_ERROR, _STANDARD_OUTPUT)
     return stream
+
+
+def tell(stream: BinaryIO, answer: object) -> None:
+    """Called in the child: hand on an answer at once."""
+    stream.write(packed(answer))
+    stream.flush()
+
+
+def listen(stream: BinaryIO, take: Callable[[Any], None]) -> None:
+    """Called in the child: from now on a thread takes messages as they come, so that the pipe never
+    fills; when standard input ends the parent is gone, and this process ends, too."""
+    threading.Thread(target=_listen, args=(stream, take), daemon=True).start()
+
+
+def _listen(stream: BinaryIO, take: Callable[[Any], None]) -> None:
+    try:
+        while True:
+            take(read_message(stream))
+    except EOFError:
+        os._exit(0)
 
 
 def _import_path() -> str:

@@ -6,11 +6,10 @@ When its parent is gone, standard input ends, and so does it.
 from __future__ import annotations
 
 import os
-import threading
 from collections import deque
 from pathlib import Path
 from threading import Condition
-from typing import BinaryIO, cast
+from typing import cast
 
 from slamsim.check.check import check_recording
 from slamsim.check.wording import warning
@@ -25,8 +24,8 @@ from slamsim.live.remote.checking import (
     LiveFinding,
 )
 from slamsim.live.remote.received import BACK_NS, recording_of
-from slamsim.process.module_process import answers, requests
-from slamsim.process.pipe import packed, read_message
+from slamsim.process.module_process import answers, listen, requests, tell
+from slamsim.process.pipe import read_message
 
 _NICENESS = 10
 """The map comes first."""
@@ -86,19 +85,9 @@ def main() -> None:
     os.nice(_NICENESS)
     incoming = requests()
     begin, kept, stream = cast(CheckBegin, read_message(incoming)), _Kept(), answers()
-    threading.Thread(target=_listen, args=(incoming, kept), daemon=True).start()
+    listen(incoming, kept.take)
     while True:
-        stream.write(packed(_checked(begin, kept.due())))
-        stream.flush()
-
-
-def _listen(incoming: BinaryIO, kept: _Kept) -> None:
-    """Take messages as they come, so that the pipe never fills; end with the parent."""
-    try:
-        while True:
-            kept.take(cast(tuple[Message, ...], read_message(incoming)))
-    except EOFError:
-        os._exit(0)
+        tell(stream, _checked(begin, kept.due()))
 
 
 def _checked(begin: CheckBegin, messages: list[Message]) -> tuple[LiveFinding, ...] | SlamsimError:

@@ -8,22 +8,20 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
 import socket
 import time
 from asyncio import StreamReader, StreamWriter
 from collections import deque
 from contextlib import closing, suppress
 from http import HTTPStatus
-from threading import Thread
-from typing import BinaryIO, cast
+from typing import cast
 
 from websockets.http11 import Request
 from websockets.server import ServerProtocol
 
 from slamsim.live.servers.access import refusal
 from slamsim.live.servers.front import MOST_CLIENTS, MOST_HALF_OPEN, FrontBegin
-from slamsim.process.module_process import requests
+from slamsim.process.module_process import listen, requests
 from slamsim.process.pipe import read_message
 
 MOST_BYTES, MOST_FRAMES = 16_000_000, 512
@@ -273,13 +271,8 @@ def main() -> None:
     """Until standard input ends."""
     incoming = requests()
     begin = cast(FrontBegin, read_message(incoming))
-    Thread(target=_end_with_parent, args=(incoming,), daemon=True).start()
+    listen(incoming, lambda message: None)  # there is none: this process ends with its parent
     asyncio.run(_Passing(begin).serve())
-
-
-def _end_with_parent(incoming: BinaryIO) -> None:
-    incoming.read(1)
-    os._exit(0)
 
 
 if __name__ == "__main__":

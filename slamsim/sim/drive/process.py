@@ -18,7 +18,7 @@ from slamsim.core.types import Drive
 from slamsim.guard.errors import SlamsimError
 from slamsim.process.children import MEMORY, Halted
 from slamsim.process.exit_codes import ended_by
-from slamsim.process.module_process import ModuleProcess, answers
+from slamsim.process.module_process import ModuleProcess, answers, tell
 from slamsim.process.pipe import Ended, packed, read_message
 from slamsim.sim.drive.legs import Route
 from slamsim.sim.drive.record import START_NS
@@ -98,19 +98,14 @@ class DriveProcess(Driving):
 
 def _serve() -> None:
     stream = answers()
-
-    def tell(answer: object) -> None:
-        stream.write(packed(answer))
-        stream.flush()
-
     with suppress(BrokenPipeError):  # the other end is gone: there is no one to tell
         run = DriveRun(*cast(_Order, read_message(sys.stdin.buffer)))
         try:
             for window in run:
-                tell(window)
-            tell(run.outcome)
+                tell(stream, window)
+            tell(stream, run.outcome)
         except SlamsimError as error:
-            tell(str(error))
+            tell(stream, str(error))
 
 
 if __name__ == "__main__":

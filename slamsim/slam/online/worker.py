@@ -7,12 +7,11 @@ output. When its parent is gone, standard input ends, and so does it.
 from __future__ import annotations
 
 import os
-import threading
 from queue import SimpleQueue
 from typing import BinaryIO, cast
 
-from slamsim.process.module_process import answers, requests
-from slamsim.process.pipe import journal_messages, packed, read_message
+from slamsim.process.module_process import answers, listen, requests, tell
+from slamsim.process.pipe import journal_messages
 from slamsim.slam.backend.back_end import BackEnd
 from slamsim.slam.frontend.keyframes import Keyframe
 from slamsim.slam.online.messages import Done, Finish, News, Task
@@ -25,10 +24,6 @@ _YIELDING = 10
 def serve(messages: SimpleQueue[object], stream: BinaryIO) -> None:
     """Do as told, one message after the other, until the outcome is delivered."""
 
-    def tell(answer: object) -> None:
-        stream.write(packed(answer))
-        stream.flush()
-
     def take(keyframe: Keyframe) -> None:
         kept = len(back_end.kept)
         back_end.take(keyframe)
@@ -36,7 +31,8 @@ def serve(messages: SimpleQueue[object], stream: BinaryIO) -> None:
         assert correction is not None
         new = tuple(back_end.kept[kept:])
         closures = back_end.new_closures()
-        tell(News(keyframe.index, new, correction, closures, changes.of(back_end.poses)))
+        moved = changes.of(back_end.poses)
+        tell(stream, News(keyframe.index, new, correction, closures, moved))
 
     task = cast(Task, messages.get())
     back_end, changes = BackEnd(task.config), Changes()
@@ -47,16 +43,11 @@ def serve(messages: SimpleQueue[object], stream: BinaryIO) -> None:
         take(keyframe)
     while not isinstance(message := messages.get(), Finish):
         take(cast(Keyframe, message))
-    tell(outcome_of(back_end, lambda done, total: tell(Done(done / max(total, 1.0)))))
 
+    def progress(done: float, total: float) -> None:
+        tell(stream, Done(done / max(total, 1.0)))
 
-def _listen(stream: BinaryIO, messages: SimpleQueue[object]) -> None:
-    """Take messages as they come, so that a long solution blocks no sender; end with the parent."""
-    try:
-        while True:
-            messages.put(read_message(stream))
-    except EOFError:
-        os._exit(0)
+    tell(stream, outcome_of(back_end, progress))
 
 
 def main() -> None:
@@ -64,7 +55,7 @@ def main() -> None:
     os.nice(_YIELDING)
     stream = answers()
     messages: SimpleQueue[object] = SimpleQueue()
-    threading.Thread(target=_listen, args=(requests(), messages), daemon=True).start()
+    listen(requests(), messages.put)
     try:
         serve(messages, stream)
     except BrokenPipeError:
