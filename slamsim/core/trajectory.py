@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.core.arrays import FloatArray, IntArray
+from slamsim.core.arrays import FloatArray, IntArray, Samples
 from slamsim.core.geometry import interpolate_se2, slerp_xyzw, yaw_from_xyzw
 from slamsim.guard.numbers import require_finite, require_stamps, require_unit_quaternions
 
@@ -37,7 +37,7 @@ def _bracket(stamps_ns: IntArray, query_ns: IntArray) -> tuple[IntArray, FloatAr
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlanarPoses:
+class PlanarPoses(Samples):
     """``T_target_base`` at some instants, in no order: the key frames of several drives.
 
     stamps_ns: (n,). poses: (n, 3) rows of (x_m, y_m, yaw_rad).
@@ -77,7 +77,7 @@ class PlanarTrajectory(PlanarPoses):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Trajectory:
+class Trajectory(Samples):
     """``T_target_base`` over time in space.
 
     stamps_ns: (n,), strictly increasing, for interpolation. positions_m: (n, 3).

@@ -23,7 +23,7 @@ from typing import ClassVar, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from slamsim.core.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from slamsim.core.arrays import BoolArray, Float32Array, FloatArray, IntArray, Samples
 from slamsim.core.scans import Cloud, Scan, ScanBeside, ScanGeometry, ScanSource
 from slamsim.core.trajectory import OutsideTimeRange, PlanarPoses, PlanarTrajectory, Trajectory
 from slamsim.guard import numbers
@@ -69,7 +69,7 @@ _DRIVE_COLUMNS = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ImuStream:
+class ImuStream(Samples):
     """stamps_ns: (n,). angular_velocity_rad_s, linear_acceleration_m_s2: (n, 3) in frame_id.
 
     linear_acceleration_m_s2 is specific force: at rest and level it reads +9.8 on z.
@@ -88,7 +88,7 @@ class ImuStream:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class EncoderStream:
+class EncoderStream(Samples):
     """Cumulative wheel ticks: stamps_ns (n,), ticks (n, 2) int64 as (left, right).
 
     wheel_radius_m and track_m are the nominal values that a driver would use.
@@ -163,7 +163,7 @@ class Occluded(Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Drive:
+class Drive(Samples):
     """The true motion at the physics rate: a whole drive, or a window of one.
 
     stamps_ns: (n,) true time. T_map_base as positions_m (n, 3) and quats_xyzw (n, 4);

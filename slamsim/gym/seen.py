@@ -99,10 +99,7 @@ class Seen:
         begun_ns = self._motion[-1].stamps_ns[0] - self._sweep_ns
         while len(self._motion) > 1 and self._motion[1].stamps_ns[0] < begun_ns:
             self._motion.popleft()
-        return PlanarTrajectory(
-            np.concatenate([part.stamps_ns for part in self._motion]),
-            np.concatenate([part.poses for part in self._motion]),
-        )
+        return PlanarTrajectory.joined(self._motion)
 
     def _drawn(self) -> Grid | None:
         try:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -30,12 +29,6 @@ links delay messages by a few tenths of a second at most, or lose them."""
 Arrived = RawStream | PlanarTrajectory
 """A part of a stream; the latter is odometry that came as transforms."""
 _Stream = TypeVar("_Stream", PlanarTrajectory, EncoderStream, ImuStream)
-_ROWS: dict[type[object], tuple[str, ...]] = {
-    PlanarTrajectory: ("stamps_ns", "poses"),
-    EncoderStream: ("stamps_ns", "ticks"),
-    ImuStream: ("stamps_ns", "angular_velocity_rad_s", "linear_acceleration_m_s2"),
-}
-"""The arrays with a row for each sample."""
 
 
 class SlamFeed:
@@ -152,30 +145,23 @@ class _Held(Generic[_Stream]):
             return None
         held = _joined(self._parts)
         self._parts = [held]
-        return _taken(held, slice(0, int(np.searchsorted(held.stamps_ns, end_ns)) + 1))
+        return held.select(slice(0, int(np.searchsorted(held.stamps_ns, end_ns)) + 1))
 
     def until(self, end_ns: int) -> _Stream | None:
         """The same, which are given away."""
         given = self.seen(end_ns)
         if given is not None:
-            later = _taken(self._parts[0], slice(len(given.stamps_ns), None))
+            later = self._parts[0].select(slice(len(given.stamps_ns), None))
             self._parts = [later] if len(later.stamps_ns) else []
         return given
 
 
 def _joined(parts: Sequence[_Stream]) -> _Stream:
     """A sample that is not later than all before it, for its message came late, is left out."""
-    names = _ROWS[type(parts[0])]
-    rows: dict[str, Any] = {
-        name: np.concatenate([getattr(part, name) for part in parts]) for name in names
-    }
-    return _taken(replace(parts[0], **rows), _rising(rows["stamps_ns"]))
-
-
-def _taken(stream: _Stream, rows: slice | BoolArray) -> _Stream:
-    names = _ROWS[type(stream)]
-    taken: dict[str, Any] = {name: getattr(stream, name)[rows] for name in names}
-    return replace(stream, **taken)
+    rising = _rising(np.concatenate([part.stamps_ns for part in parts]))
+    ends = np.cumsum([part.stamps_ns.size for part in parts])
+    kept = zip(parts, np.split(rising, ends[:-1]), strict=True)
+    return type(parts[0]).joined([part.select(rows) for part, rows in kept])
 
 
 def _rising(stamps_ns: IntArray) -> BoolArray:

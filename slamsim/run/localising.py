@@ -190,8 +190,7 @@ def _draw(partial: Path, view: RunView) -> None:
 
 
 def _odometry(localised: Localised) -> PlanarTrajectory:
-    odometry, known = localised.slam.odometry, localised.known
-    return PlanarTrajectory(odometry.stamps_ns[known], odometry.poses[known])
+    return localised.slam.odometry.select(localised.known)
 
 
 def _write_states(path: Path, localised: Localised) -> None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from slamsim.core.geometry import xyzw_from_matrix
-from slamsim.core.types import Drive, EncoderStream, IntArray, Trajectory
+from slamsim.core.types import Drive, EncoderStream, ImuStream, IntArray, Trajectory
 from slamsim.recording import (
     Origin,
     RawImu,
@@ -147,17 +147,16 @@ def _imus(readings: Sequence[Readings]) -> tuple[RawImu, ...]:
     batches = [part.imu for part in readings if len(part.imu)]
     if not batches:
         return ()
-    streams = [batch.stream for batch in batches]
-    count = sum(map(len, batches))
+    stream = ImuStream.joined([batch.stream for batch in batches])
     return (
         RawImu(
             topic="/imu/data",
-            frame_ids=(streams[0].frame_id,),
-            stamps_ns=np.concatenate([stream.stamps_ns for stream in streams]),
+            frame_ids=(stream.frame_id,),
+            stamps_ns=stream.stamps_ns,
             received_ns=np.concatenate([batch.arrival_ns for batch in batches]),
-            angular_velocity_rad_s=np.concatenate([s.angular_velocity_rad_s for s in streams]),
-            linear_acceleration_m_s2=np.concatenate([s.linear_acceleration_m_s2 for s in streams]),
-            origin=Origin.in_order("/imu/data", np.arange(count)),
+            angular_velocity_rad_s=stream.angular_velocity_rad_s,
+            linear_acceleration_m_s2=stream.linear_acceleration_m_s2,
+            origin=Origin.in_order("/imu/data", np.arange(stream.stamps_ns.size)),
         ),
     )
 
@@ -169,22 +168,13 @@ def _wheels(
     batches = [part.encoders for part in readings if len(part.encoders)]
     if not batches:
         return (), ()
-    motion = _joined([tail.extend(batch.stream) for batch in batches])
-    stream = _encoders([batch.stream for batch in batches])
+    motion = WheelMotion.joined([tail.extend(batch.stream) for batch in batches])
+    stream = EncoderStream.joined([batch.stream for batch in batches])
     received_ns = np.concatenate([batch.arrival_ns for batch in batches])
     odometry, moving = _odometry(stream.stamps_ns, received_ns, motion, header)
     ticks = _ticks(stream, received_ns, header.base_frame)
     joints = _joints(stream.stamps_ns, received_ns, motion, header)
     return (odometry, ticks, joints), (moving,)
-
-
-def _encoders(parts: Sequence[EncoderStream]) -> EncoderStream:
-    """One stream of all; the constants are those of the first."""
-    return replace(
-        parts[0],
-        stamps_ns=np.concatenate([part.stamps_ns for part in parts]),
-        ticks=np.concatenate([part.ticks for part in parts]),
-    )
 
 
 def _ticks(stream: EncoderStream, received_ns: IntArray, base_frame: str) -> RawTicks:
@@ -224,12 +214,6 @@ def _odometry(
     odometry = RawOdometry("/odom", (odom,), *when, (base,), *poses, *twists, origin=published)
     moved = Origin.in_order("/tf", each)
     return odometry, TransformEdge("/tf", odom, base, False, *when, *poses, moved)
-
-
-def _joined(parts: Sequence[WheelMotion]) -> WheelMotion:
-    return WheelMotion(
-        *(np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(WheelMotion))
-    )
 
 
 def _fixed(header: LogHeader) -> tuple[TransformEdge, ...]:

@@ -8,7 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.core.geometry import matrix_from_xyzw, wrap_angle, xyzw_from_yaw
-from slamsim.core.types import BoolArray, Drive, EncoderStream, FloatArray, IntArray, Trajectory
+from slamsim.core.types import (
+    BoolArray,
+    Drive,
+    EncoderStream,
+    FloatArray,
+    IntArray,
+    Samples,
+    Trajectory,
+)
 from slamsim.models.differential_drive import forward_and_turn, metres_per_tick, poses_along
 from slamsim.recording import RawOdometry
 
@@ -27,7 +35,7 @@ def at_rate(stamps_ns: IntArray, previous_ns: int | None, rate_hz: float) -> Boo
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WheelMotion:
+class WheelMotion(Samples):
     """One row per encoder reading.
 
     angles_rad, speeds_rad_s: (n, 2) of the wheels. positions_m (n, 3), quats_xyzw (n, 4):
@@ -52,7 +60,7 @@ class OdometryTail:
     def extend(self, stream: EncoderStream) -> WheelMotion:
         """The wheels' motion at each reading of the next, non-empty, part of the stream."""
         first = self._last is None
-        joined = stream if self._last is None else _joined(self._last, stream)
+        joined = stream if self._last is None else EncoderStream.joined([self._last, stream])
         radians_per_tick = 2.0 * np.pi / joined.ticks_per_revolution
         tick_m = metres_per_tick(joined.ticks_per_revolution, joined.wheel_radius_m)
         arcs = forward_and_turn(np.diff(joined.ticks, axis=0) * tick_m, joined.track_m)
@@ -66,7 +74,7 @@ class OdometryTail:
             speeds = np.concatenate([np.zeros((1, 2)), speeds])
         else:
             poses = poses[1:]
-        self._last = _last_reading(stream)
+        self._last = stream.select(slice(-1, None))
         self._last_pose = poses[-1]
         zero = np.zeros(len(poses))
         forward_m_s = speeds.mean(axis=1) * stream.wheel_radius_m
@@ -81,26 +89,6 @@ class OdometryTail:
         )
 
 
-def _last_reading(stream: EncoderStream) -> EncoderStream:
-    return EncoderStream(
-        stream.stamps_ns[-1:],
-        stream.ticks[-1:],
-        stream.ticks_per_revolution,
-        stream.wheel_radius_m,
-        stream.track_m,
-    )
-
-
-def _joined(head: EncoderStream, tail: EncoderStream) -> EncoderStream:
-    return EncoderStream(
-        np.concatenate([head.stamps_ns, tail.stamps_ns]),
-        np.concatenate([head.ticks, tail.ticks]),
-        tail.ticks_per_revolution,
-        tail.wheel_radius_m,
-        tail.track_m,
-    )
-
-
 class TruthTail:
     """Thins the true motion to a rate, and keeps its last sample so that the end is covered."""
 
@@ -111,8 +99,8 @@ class TruthTail:
     def take(self, window: Drive, previous_ns: int | None) -> Drive:
         """The samples to record of the next, non-empty, window."""
         chosen = at_rate(window.stamps_ns, previous_ns, self._rate_hz)
-        self._unwritten = None if chosen[-1] else _rows(window, np.array([len(window) - 1]))
-        return _rows(window, np.flatnonzero(chosen))
+        self._unwritten = None if chosen[-1] else window.select(np.array([len(window) - 1]))
+        return window.select(np.flatnonzero(chosen))
 
     @property
     def rest(self) -> Drive | None:
@@ -133,18 +121,4 @@ def joined_path(parts: Sequence[Drive | RawOdometry | Trajectory]) -> Trajectory
         np.concatenate([part.stamps_ns for part in parts]),
         np.concatenate([part.positions_m for part in parts]),
         np.concatenate([part.quats_xyzw for part in parts]),
-    )
-
-
-def _rows(drive: Drive, which: IntArray) -> Drive:
-    return Drive(
-        drive.stamps_ns[which],
-        drive.positions_m[which],
-        drive.quats_xyzw[which],
-        drive.linear_velocity_m_s[which],
-        drive.angular_velocity_rad_s[which],
-        drive.wheel_angles_rad[which],
-        drive.wheel_speeds_rad_s[which],
-        drive.commands[which],
-        drive.wall_contact[which],
     )

@@ -14,6 +14,7 @@ from scan_recording import DRIVE_S, healthy
 from slamsim.core.types import IntArray
 from slamsim.live.slam_feed import SlamFeed
 from slamsim.recording import RawScans, RawStream, Recording
+from slamsim.recording.cleaning.streams import odometry_of
 from slamsim.slam.online.motion_filter import MotionFilter
 
 
@@ -84,3 +85,16 @@ def test_what_a_stuck_driver_publishes_again_is_left_out_and_no_motion_with_it()
     kept_ns, same_motion_ns = taken(stuck)
     assert sorted(set(whole_ns) - set(kept_ns)) == lidar.stamps_ns[first + 1 : first + 5].tolist()
     assert np.array_equal(motion_ns, same_motion_ns)
+
+
+def test_a_pose_whose_transform_came_late_is_left_out_and_ends_no_map() -> None:
+    lidar, path = healthy().scans[0], odometry_of(healthy().odometries[0])[0]
+    assert path is not None
+    late = int(np.searchsorted(path.stamps_ns, lidar.stamps_ns[5]))
+    rest = np.arange(len(path)) != late
+    feed = SlamFeed()
+    parts = [path.select(rest), path.select(~rest)]
+    motions = [motion for _, motion in feed.take([*parts, lidar])]
+    given_ns = np.concatenate([one.odometry.stamps_ns for one in motions if one.odometry])
+    assert np.array_equal(given_ns, path.stamps_ns[rest][: len(given_ns)])
+    assert given_ns[-1] > path.stamps_ns[late]

@@ -81,12 +81,8 @@ def without_span(log: Log, start_ns: int, end_ns: int) -> Log:
     imu, odometry, encoders = log.imu, log.odometry, log.encoders
     if imu is not None:
         kept = _outside(imu.stamps_ns, start_ns, end_ns)
-        imu = replace(
-            imu,
-            stamps_ns=_earlier(imu.stamps_ns, start_ns, end_ns)[kept],
-            angular_velocity_rad_s=imu.angular_velocity_rad_s[kept],
-            linear_acceleration_m_s2=imu.linear_acceleration_m_s2[kept],
-        )
+        stamps_ns = _earlier(imu.stamps_ns, start_ns, end_ns)
+        imu = replace(imu.select(kept), stamps_ns=stamps_ns[kept])
     if odometry is not None:
         later = odometry.stamps_ns >= end_ns
         poses = odometry.poses.copy()

@@ -74,7 +74,7 @@ class CarmenFile(StagedWriter):
         """The lines whose odometry is known, in the order of the scans."""
         if not self._odometry or self._T_base_laser is None:
             return
-        known = _joined(self._odometry)
+        known = PlanarTrajectory.joined(self._odometry)
         first_ns, last_ns = int(known.stamps_ns[0]), int(known.stamps_ns[-1])
         count = 0
         while count < len(self._waiting) and (last or self._waiting[count][0] <= last_ns):
@@ -90,19 +90,12 @@ class CarmenFile(StagedWriter):
         self._odometry = [_since(known, stamps_ns)]
 
 
-def _joined(parts: list[PlanarTrajectory]) -> PlanarTrajectory:
-    return PlanarTrajectory(
-        np.concatenate([part.stamps_ns for part in parts]),
-        np.concatenate([part.poses for part in parts]),
-    )
-
-
 def _since(path: PlanarTrajectory, written_ns: IntArray) -> PlanarTrajectory:
     """What later lines may still need: from the last written one on."""
     if written_ns.size == 0:
         return path
     begin = max(int(np.searchsorted(path.stamps_ns, written_ns.max())) - 1, 0)
-    return PlanarTrajectory(path.stamps_ns[begin:], path.poses[begin:])
+    return path.select(slice(begin, None))
 
 
 def _lines(scans: RawScans) -> list[tuple[int, str, str]]:

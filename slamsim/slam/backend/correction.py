@@ -40,12 +40,12 @@ def correct_pieces(
     bounds = [0, *cuts.tolist(), len(relative)]
     poses = []
     for first, end in pairwise(bounds):
-        piece = PlanarTrajectory(relative.stamps_ns[first:end], relative.poses[first:end])
+        piece = relative.select(slice(first, end))
         if not len(piece):
             continue
         inside = anchors.stamps_ns >= piece.stamps_ns[0]
         inside &= anchors.stamps_ns <= piece.stamps_ns[-1]
-        own = PlanarTrajectory(anchors.stamps_ns[inside], anchors.poses[inside])
+        own = anchors.select(inside)
         poses.append(correct(piece, own).poses if len(own) else piece.poses)
     return PlanarTrajectory(relative.stamps_ns, np.concatenate(poses))
 
@@ -82,7 +82,7 @@ def densify(coarse: PlanarTrajectory, motion: PlanarTrajectory) -> PlanarTraject
     if not len(motion):
         return coarse
     overlap = (coarse.stamps_ns >= motion.stamps_ns[0]) & (coarse.stamps_ns <= motion.stamps_ns[-1])
-    anchors = PlanarTrajectory(coarse.stamps_ns[overlap], coarse.poses[overlap])
+    anchors = coarse.select(overlap)
     if not len(anchors):
         return coarse
     inside = motion.stamps_ns >= anchors.stamps_ns[0]

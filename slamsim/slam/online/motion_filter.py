@@ -49,12 +49,7 @@ class MotionFilter:
 
     def _add_imu(self, imu: ImuStream) -> None:
         new = imu.stamps_ns > (self._imu.stamps_ns[-1] if len(self._imu.stamps_ns) else _NEVER)
-        before = self._imu
-        self._imu = ImuStream(
-            np.concatenate([before.stamps_ns, imu.stamps_ns[new]]),
-            np.vstack([before.angular_velocity_rad_s, imu.angular_velocity_rad_s[new]]),
-            np.vstack([before.linear_acceleration_m_s2, imu.linear_acceleration_m_s2[new]]),
-        )
+        self._imu = ImuStream.joined([self._imu, imu.select(new)])
 
     def _rolled(self, encoders: EncoderStream) -> PlanarTrajectory:
         """Wheel odometry from the last reading before these on."""
@@ -68,10 +63,7 @@ class MotionFilter:
 
     def _add_wheels(self, wheels: PlanarTrajectory) -> None:
         new = wheels.stamps_ns > (self._wheels.stamps_ns[-1] if len(self._wheels) else _NEVER)
-        self._wheels = PlanarTrajectory(
-            np.concatenate([self._wheels.stamps_ns, wheels.stamps_ns[new]]),
-            np.vstack([self._wheels.poses, wheels.poses[new]]),
-        )
+        self._wheels = PlanarTrajectory.joined([self._wheels, wheels.select(new)])
 
     def _extend(self) -> None:
         """Take in the intervals of the wheels that the gyroscope has covered, or will not cover."""
@@ -86,7 +78,7 @@ class MotionFilter:
         ready = (stamps_ns >= begun_ns) & (stamps_ns <= newest_ns)
         if np.count_nonzero(ready) < 2:
             return
-        wheels = PlanarTrajectory(stamps_ns[ready], self._wheels.poses[ready])
+        wheels = self._wheels.select(ready)
         heard = self._rotation is not None and len(self._imu.stamps_ns) >= 2
         more = increments(wheels, self._imu if heard else None, self._rotation)
         if self._odometry is None:
@@ -98,11 +90,5 @@ class MotionFilter:
     def _forget(self, oldest_ns: int) -> None:
         if self._odometry is not None:
             self._odometry.forget_before(oldest_ns)
-        keep, imu = self._wheels.stamps_ns >= oldest_ns, self._imu
-        self._wheels = PlanarTrajectory(self._wheels.stamps_ns[keep], self._wheels.poses[keep])
-        keep = imu.stamps_ns >= oldest_ns
-        self._imu = ImuStream(
-            imu.stamps_ns[keep],
-            imu.angular_velocity_rad_s[keep],
-            imu.linear_acceleration_m_s2[keep],
-        )
+        self._wheels = self._wheels.select(self._wheels.stamps_ns >= oldest_ns)
+        self._imu = self._imu.select(self._imu.stamps_ns >= oldest_ns)

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
-from slamsim.core.types import EncoderStream, ImuStream, IntArray, Log, PlanarTrajectory, Scan
+from slamsim.core.types import IntArray, Log, Scan
 from slamsim.slam.online.samples import MotionSamples
 
 EVER_NS = int(np.iinfo(np.int64).min)
@@ -33,24 +32,7 @@ def samples_between(log: Log, since_ns: int, until_ns: int) -> MotionSamples:
 
     odometry, encoders, imu = log.odometry, log.encoders, log.imu
     return MotionSamples(
-        None if odometry is None else _poses(odometry, part(odometry.stamps_ns)),
-        None if encoders is None else _ticks(encoders, part(encoders.stamps_ns)),
-        None if imu is None else _rates(imu, part(imu.stamps_ns)),
-    )
-
-
-def _poses(odometry: PlanarTrajectory, part: slice) -> PlanarTrajectory:
-    return PlanarTrajectory(odometry.stamps_ns[part], odometry.poses[part])
-
-
-def _ticks(encoders: EncoderStream, part: slice) -> EncoderStream:
-    return replace(encoders, stamps_ns=encoders.stamps_ns[part], ticks=encoders.ticks[part])
-
-
-def _rates(imu: ImuStream, part: slice) -> ImuStream:
-    return replace(
-        imu,
-        stamps_ns=imu.stamps_ns[part],
-        angular_velocity_rad_s=imu.angular_velocity_rad_s[part],
-        linear_acceleration_m_s2=imu.linear_acceleration_m_s2[part],
+        None if odometry is None else odometry.select(part(odometry.stamps_ns)),
+        None if encoders is None else encoders.select(part(encoders.stamps_ns)),
+        None if imu is None else imu.select(part(imu.stamps_ns)),
     )
