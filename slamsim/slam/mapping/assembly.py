@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from slamsim.core.result import Event, PoseGraph, SlamResult
-from slamsim.core.types import Log, OutsideTimeRange, PlanarTrajectory
+from slamsim.core.result import Event, MapGraph, PoseGraph, SlamResult
+from slamsim.core.types import Log, OutsideTimeRange, PlanarPoses, PlanarTrajectory
 from slamsim.core.weighing import in_words
 from slamsim.slam.backend.correction import correct_pieces
-from slamsim.slam.backend.own_part import poses_since, since
 from slamsim.slam.backend.smoothing import Smoothed
 from slamsim.slam.backend.surface_information import MapInformation, smoothed_information
 from slamsim.slam.failures import Failures
@@ -32,7 +31,7 @@ def assemble(
     frame number ``first`` of it. seconds: spent on the way, by stage. torn: what is to be told
     besides. What fails here leaves the result of the back end as it is.
     """
-    graph = since(outcome.graph, first)
+    graph = _since(outcome.graph, first)
     raw, odometry = track.front_end(), track.odometry()
     corrected = correct_pieces(raw, graph.keyframes, _breaks_ns(front_end, outcome))
     failures, last = Failures(outcome.failed), len(outcome.graph.keyframes) - 1
@@ -58,7 +57,7 @@ def assemble(
         parts={
             "prediction": odometry,
             "front_end": raw,
-            "closures": poses_since(outcome.unrefined, first),
+            "closures": _poses_since(outcome.unrefined, first),
             "graph": graph.keyframes,
             "smoothed": trajectory,
         },
@@ -115,3 +114,18 @@ def _in_order(
 
 def _summed(one: Mapping[str, float], other: Mapping[str, float]) -> dict[str, float]:
     return {stage: one.get(stage, 0.0) + other.get(stage, 0.0) for stage in {**one, **other}}
+
+
+def _since(graph: MapGraph, first: int) -> PoseGraph:
+    """The key frames from number ``first`` on, and the edges between them."""
+    edges = tuple(
+        replace(edge, source=edge.source - first, target=edge.target - first)
+        for edge in graph.edges
+        if min(edge.source, edge.target) >= first
+    )
+    return PoseGraph(_poses_since(graph.keyframes, first), graph.covariances[first:], edges)
+
+
+def _poses_since(keyframes: PlanarPoses, first: int) -> PlanarTrajectory:
+    """Those of one drive alone; the stamps of several are in no order."""
+    return PlanarTrajectory(keyframes.stamps_ns[first:], keyframes.poses[first:])
