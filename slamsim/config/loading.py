@@ -131,15 +131,11 @@ def load_simulated_config(path: Path) -> RunConfig:
     return validated(RunConfig, tree)
 
 
-def load_world_config(world: str, overrides: Sequence[str] = ()) -> WorldConfig:
-    """A world alone, by name or path as in ``load_run_config``; overrides start at its keys."""
+def load_world_config(world: str) -> WorldConfig:
+    """A world alone, by name or path as in ``load_run_config``."""
     from slamsim.config.world import WorldConfig
 
-    tree = _world_tree(find_input("worlds", world), ())
-    for text in overrides:
-        parts, value, place = parse_override(text)
-        tree = tree.overlaid(tree.with_indices(parts, place), value, place)
-    return validated(WorldConfig, tree)
+    return validated(WorldConfig, _world_tree(find_input("worlds", world), ()))
 
 
 def validated(model_type: type[Model], tree: Tree) -> Model:

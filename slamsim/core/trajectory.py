@@ -15,13 +15,13 @@ class OutsideTimeRange(ValueError):
     """A look-up at an instant that the data do not cover; nothing is extrapolated."""
 
 
-def _require_covered(stamps_ns: IntArray, query_ns: IntArray, what: str) -> None:
+def _require_covered(stamps_ns: IntArray, query_ns: IntArray) -> None:
     if query_ns.size == 0:
         return
     first, last = int(query_ns.min()), int(query_ns.max())
     if stamps_ns.size == 0 or first < stamps_ns[0] or last > stamps_ns[-1]:
         have = "nothing" if stamps_ns.size == 0 else f"{stamps_ns[0]}..{stamps_ns[-1]} ns"
-        raise OutsideTimeRange(f"{what} covers {have}, asked for {first}..{last} ns")
+        raise OutsideTimeRange(f"the trajectory covers {have}, asked for {first}..{last} ns")
 
 
 def _bracket(stamps_ns: IntArray, query_ns: IntArray) -> tuple[IntArray, FloatArray]:
@@ -67,7 +67,7 @@ class PlanarTrajectory(PlanarPoses):
 
     def at(self, stamps_ns: IntArray) -> FloatArray:
         """(m, 3) poses at the given instants; raises OutsideTimeRange beyond the ends."""
-        _require_covered(self.stamps_ns, stamps_ns, "the trajectory")
+        _require_covered(self.stamps_ns, stamps_ns)
         left, fraction = _bracket(self.stamps_ns, stamps_ns)
         right = np.minimum(left + 1, len(self) - 1)
         return interpolate_se2(self.poses[left], self.poses[right], fraction)
@@ -99,7 +99,7 @@ class Trajectory(Samples):
     def at(self, stamps_ns: IntArray) -> Trajectory:
         """Poses at the given instants, in any order; raises OutsideTimeRange beyond the ends."""
         require_stamps("a trajectory", self.stamps_ns)
-        _require_covered(self.stamps_ns, stamps_ns, "the trajectory")
+        _require_covered(self.stamps_ns, stamps_ns)
         left, fraction = _bracket(self.stamps_ns, stamps_ns)
         right = np.minimum(left + 1, len(self) - 1)
         step = self.positions_m[right] - self.positions_m[left]

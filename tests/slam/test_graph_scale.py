@@ -87,7 +87,7 @@ def test_a_chain_without_closures_has_the_sum_of_its_steps(count: int) -> None:
     expected = along_the_chain(poses, edges)
     assert off(relative_covariances(poses, edges, 0)[1:], expected[1:]) < 1e-9
     # Solved for, rounding leaves less: the condition number grows with the cube of the length.
-    assert off(graph_factor(poses, edges, 0).inverse_diagonal(), expected[1:]) < 1e-4
+    assert off(graph_factor(poses, edges).inverse_diagonal(), expected[1:]) < 1e-4
 
 
 @pytest.mark.parametrize(("length_m", "agreed"), [(1000.0, AGREED), (5000.0, 30.0 * AGREED)])

@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from slamsim.config.loading import load_world_config
+from slamsim.config.loading import load_run_config, load_world_config
 from slamsim.config.world import WorldConfig
 from slamsim.core.types import BoolArray
 from slamsim.guard.errors import InputRefused, NotFound, SlamsimError
@@ -49,7 +49,8 @@ def write_map(folder: Path, pixels: Image, kind: str = "pgm", /, **keys: Any) ->
 
 
 def world_of(path: Path, *overrides: str) -> World:
-    return build_world(load_world_config(str(path), overrides), 0)
+    of_the_world = [f"world.{text}" for text in overrides]
+    return build_world(load_run_config(str(path), overrides=of_the_world).world, 0)
 
 
 def solid(world: World, resolution_m: float = 0.1) -> BoolArray:

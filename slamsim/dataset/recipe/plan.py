@@ -149,7 +149,7 @@ def plan(recipe: Recipe, count: int, workers: int | None = None, make: Maker = m
     """
     workers = workers or cores()
     drafts = [draw(recipe, index) for index in range(min(count, MOST_DRAWN))]
-    kinds = [_kind(recipe, draft) for draft in drafts]
+    kinds = [_kind(draft) for draft in drafts]
     chosen = [kind for kind, _ in Counter(kinds).most_common(MOST_KINDS)]
     specs = [_short(recipe, kinds.index(kind), count, s) for kind in chosen for s in PILOT_S]
     pilots = make(specs)
@@ -233,7 +233,7 @@ def _line(x: Sequence[float], y: Sequence[float]) -> tuple[float, float]:
     return (float(offset), float(slope)) if slope > 0.0 else (float(np.mean(y)), 0.0)
 
 
-def _kind(recipe: Recipe, draft: Draft) -> Kind:
+def _kind(draft: Draft) -> Kind:
     return str(draft.values.get("sensors.lidar", "")), bool(draft.faults)
 
 

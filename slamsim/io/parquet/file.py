@@ -166,7 +166,7 @@ def _array(cells: Cells, field: Any) -> Any:
     return pa.array(np.ascontiguousarray(cells), type=field.type, from_pandas=False)
 
 
-def read_table(path: Path, columns: Sequence[str] | None = None) -> dict[str, NDArray[Any]]:
+def read_table(path: Path) -> dict[str, NDArray[Any]]:
     """The columns of a file, (n,) or (n, width) each; checksums are verified.
 
     Raises DataDamaged if it is sealed and not as it was written; so does ``table_facts``. Raises
@@ -174,7 +174,7 @@ def read_table(path: Path, columns: Sequence[str] | None = None) -> dict[str, ND
     """
     require_as_written(path)
     _require_proportion(path)
-    return cells_of(pq.read_table(path, columns=columns, page_checksum_verification=True))
+    return cells_of(pq.read_table(path, page_checksum_verification=True))
 
 
 def _require_proportion(path: Path) -> None:

@@ -66,7 +66,7 @@ class ImageTables(StagedWriter):
             if isinstance(stream, RawFrameTruths):
                 self._append(stream, _frame_columns(stream), {}, _frame_cells(stream))
             elif isinstance(stream, RawImages | RawPackedImages):
-                facts = _facts(stream, self._infos.get(info_topic(stream.topic)))
+                facts = _facts(self._infos.get(info_topic(stream.topic)))
                 self._append(stream, _IMAGE, facts, _image_cells(stream))
 
     def _append(
@@ -135,7 +135,7 @@ def _stored_as(encoding: str) -> tuple[str, int]:
     return dtype, int(encoding[-1])
 
 
-def _facts(stream: RawImages | RawPackedImages, info: RawCameraInfos | None) -> dict[str, object]:
+def _facts(info: RawCameraInfos | None) -> dict[str, object]:
     if info is None:
         return {}
     told = {

@@ -69,10 +69,10 @@ def fall(config: IntegratorConfig, name: str, step_s: float, shown: bool = False
         try:
             seen = _watched(falling, steps, max(1, round(1 / POSES_PER_S / step_s)), shown)
         except BurstApart as burst:
-            return Outcome({**values, **_compared(config, None, 0.0, 0.0), "reason": str(burst)})
+            return Outcome({**values, **_compared(None, 0.0, 0.0), "reason": str(burst)})
         state = seen[-1][1]
         energy_j = falling.energy_j(state)
-    compared = _compared(config, state, steps * step_s, energy_j)
+    compared = _compared(state, steps * step_s, energy_j)
     return Outcome({**values, **compared, "reason": ""}, _motions(ball, step_s, seen, shown))
 
 
@@ -86,9 +86,7 @@ def _watched(falling: FreeBodies, steps: int, every: int, shown: bool) -> list[t
     return seen
 
 
-def _compared(
-    config: IntegratorConfig, state: State | None, end_s: float, energy_j: float
-) -> dict[str, Value]:
+def _compared(state: State | None, end_s: float, energy_j: float) -> dict[str, Value]:
     """Errors of place, speed and energy against a fall without drag from z = 0, at ``end_s``."""
     if state is None:
         return dict.fromkeys(("fall_m", "error_m", "speed_error_m_s", "energy_error_j"))

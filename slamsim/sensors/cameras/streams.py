@@ -88,7 +88,7 @@ class CameraTopics:
             if images:
                 found += self._image_streams(config, images)
                 found += self._truth_streams(config, images)
-            found += [self._moved(config, each) for each in moved]
+            found += [self._moved(each) for each in moved]
         return tuple(found)
 
     def _image_streams(self, config: ImagerConfig, taken: Sequence[Taken]) -> Iterator[RawStream]:
@@ -110,7 +110,7 @@ class CameraTopics:
             when = _stamps(taken)
             yield _true_images(self._truth(name, what), frame, when, images, _ENCODINGS[what])
 
-    def _moved(self, config: ImagerConfig, moved: Moved) -> RawImages:
+    def _moved(self, moved: Moved) -> RawImages:
         topic, frame = self._truth(moved.imager, "flow"), self._images[moved.imager].frame
         return _true_images(topic, frame, _stamps([moved]), moved.flow_px[None], _ENCODINGS["flow"])
 

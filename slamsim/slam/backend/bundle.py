@@ -84,12 +84,10 @@ class NotRefined(SlamsimError):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Refined:
-    """poses: (n, 3) T_map_base of the key frames. information: what holds them there. roughness_m:
-    standard deviation by which surfaces differ from straight lines, beyond the noise of ranges."""
+    """poses: (n, 3) T_map_base of the key frames. information: what holds them there."""
 
     poses: FloatArray
     information: SurfaceInformation
-    roughness_m: float
 
 
 def refine(
@@ -117,7 +115,7 @@ def refine(
         poses = bundle.relax(poses, steps)
     assert bundle is not None
     bundle.check(begun_at, poses)
-    return Refined(poses, bundle.information(poses), bundle.roughness_m)
+    return Refined(poses, bundle.information(poses))
 
 
 class _Bundle:
@@ -157,7 +155,6 @@ class _Bundle:
         self._panels = make_panels(pairs, count)
         self._weights = 0.5 / self._variance
         self._scaled = 2.0 * self._variance
-        self.roughness_m = 0.0
 
     def relax(self, poses: FloatArray, steps: int) -> FloatArray:
         """Steps of Gauss and Newton; the system is kept while the weights stay alike."""
@@ -219,8 +216,8 @@ class _Bundle:
         squares = self._squares(poses)
         unknowns = 2.0 * len(self._shared.starts) + 3.0 * (self._count + 1)
         redundancy = max(1.0 - unknowns / (2.0 * len(squares)), LEAST_REDUNDANCY)
-        self.roughness_m = _roughness(squares, self._variance, redundancy)
-        self._scaled = 2.0 * (self._variance + self.roughness_m**2)
+        roughness_m = _roughness(squares, self._variance, redundancy)
+        self._scaled = 2.0 * (self._variance + roughness_m**2)
         self._scaled = self._scaled * self._rougher(squares / self._scaled)[self._surfaces]
         self._weights = _robust(squares / self._scaled, self._doubted_sigmas) / self._scaled
 

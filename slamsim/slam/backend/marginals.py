@@ -99,13 +99,13 @@ class Joined:
         return self._across.spread(own, gathered)
 
 
-def graph_factor(poses: FloatArray, edges: Sequence[GraphEdge], fixed: int) -> BlockFactor:
-    """The information of all poses (n, 3) but the fixed one, as small steps in their own frames.
+def graph_factor(poses: FloatArray, edges: Sequence[GraphEdge]) -> BlockFactor:
+    """The information of all poses (n, 3) but the first, as small steps in their own frames.
 
     Its unknowns are the other poses in their order. Raises as ``relative_covariances``.
     """
     ends, covariances = _weighted(poses, edges)
-    number, others = _numbers(len(poses), fixed), np.delete(np.arange(len(poses)), fixed)
+    number, others = _numbers(len(poses), 0), np.arange(1, len(poses))
     panels = make_panels(number[ends], len(others))
     system = empty_system(panels)
     carry = adjoint(between(poses[ends[:, 1]], poses[ends[:, 0]]))

@@ -67,7 +67,7 @@ class SurfaceInformation:
     ) -> Self:
         """seen: the panels, the system in them, and the pairs."""
         panels, system, pairs = seen
-        met = np.concatenate([_twice(len(poses) - 1, 1), pairs[(pairs > 0).all(axis=1)]])
+        met = np.concatenate([_twice(len(poses) - 1), pairs[(pairs > 0).all(axis=1)]])
         known = blocks_at(panels, system, met - 1)
         return cls(panels, met, known, drift, closures, pairs, poses, T_base_view)
 
@@ -227,9 +227,9 @@ def with_scatter(poses: FloatArray, covariances: FloatArray, scatter: FloatArray
     return whole
 
 
-def _twice(count: int, first: int) -> IntArray:
-    """(count, 2): each number from ``first`` on, with itself."""
-    return np.repeat(np.arange(first, first + count)[:, None], 2, axis=1)
+def _twice(count: int) -> IntArray:
+    """(count, 2): each number from 1 on, with itself."""
+    return np.repeat(np.arange(1, count + 1)[:, None], 2, axis=1)
 
 
 def _carried(carry: FloatArray, covariances: FloatArray) -> FloatArray:

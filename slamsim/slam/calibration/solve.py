@@ -240,7 +240,7 @@ def closed_by_loops(
     if not loose.any() or not any(edge.kind == "closure" and edge.weight > 0.0 for edge in edges):
         return solved
     chain = {(edge.source, edge.target): edge for edge in edges if edge.kind != "closure"}
-    factor = graph_factor(poses, edges, 0)
+    factor = graph_factor(poses, edges)
     size = len(solved.values)
     coupling, own, push = np.zeros((len(poses), 3, size)), np.zeros((size, size)), np.zeros(size)
     for n in np.flatnonzero(loose).tolist():
