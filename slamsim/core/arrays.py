@@ -17,7 +17,8 @@ BoolArray = NDArray[np.bool_]
 
 
 class Samples:
-    """A dataclass whose arrays all have a row for each of its samples."""
+    """A dataclass whose arrays all have a row for each of its samples, and those of samples in it
+    too."""
 
     __slots__ = ()
 
@@ -26,19 +27,27 @@ class Samples:
 
         rows: a slice, (n,) of bool, or (k,) numbers of samples.
         """
-        return self._with({name: array[rows] for name, array in self._arrays().items()})
+        return self._with(
+            {
+                name: held.select(rows) if isinstance(held, Samples) else held[rows]
+                for name, held in self._held().items()
+            }
+        )
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
         """The samples of all parts, one part after the other; what is no array is that of the
         first."""
-        arrays = [part._arrays() for part in parts]
-        whole = {name: np.concatenate([each[name] for each in arrays]) for name in arrays[0]}
+        whole: dict[str, Any] = {}
+        for name, first in parts[0]._held().items():
+            held = [getattr(part, name) for part in parts]
+            is_array = isinstance(first, np.ndarray)
+            whole[name] = np.concatenate(held) if is_array else type(first).joined(held)
         return parts[0]._with(whole)
 
-    def _arrays(self) -> dict[str, NDArray[Any]]:
+    def _held(self) -> dict[str, Any]:
         values = {one.name: getattr(self, one.name) for one in fields(self)}  # type: ignore[arg-type]
-        return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+        return {name: v for name, v in values.items() if isinstance(v, np.ndarray | Samples)}
 
-    def _with(self, arrays: dict[str, NDArray[Any]]) -> Self:
-        return replace(self, **arrays)  # type: ignore[type-var]
+    def _with(self, held: dict[str, Any]) -> Self:
+        return replace(self, **held)  # type: ignore[type-var]

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from slamsim.core.arrays import BoolArray, Float32Array, FloatArray, IntArray
+from slamsim.core.arrays import BoolArray, Float32Array, FloatArray, IntArray, Samples
 from slamsim.guard import numbers
 
 MOST_BEAMS, MOST_BEAM_NS = 1_000_000, 1_000_000_000
@@ -109,7 +109,7 @@ class ScanBeside:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cloud:
+class Cloud(Samples):
     """A scan freed of motion: all beams as seen from the base frame at one instant.
 
     points_m: (n, 2) end of each beam; a beam without return ends at the lidar's maximum range.

@@ -61,11 +61,9 @@ class Imu:
         there = self._clock.arrived(true_ns.size)
         turning, gyro_biases = self._gyro.measure(rates)
         pulling, accelerometer_biases = self._accelerometer.measure(forces)
-        stream = ImuStream(stamps_ns[there], turning[there], pulling[there])
-        truth = ImuTruth(
-            rates[there], forces[there], gyro_biases[there], accelerometer_biases[there]
-        )
-        return ImuBatch(stream, true_ns[there], arrival_ns[there], truth)
+        stream = ImuStream(stamps_ns, turning, pulling)
+        truth = ImuTruth(rates, forces, gyro_biases, accelerometer_biases)
+        return ImuBatch(stream, true_ns, arrival_ns, truth).select(there)
 
 
 class _Triad:

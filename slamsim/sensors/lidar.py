@@ -83,15 +83,8 @@ class Lidar:
         stamps_ns = self._clock.stamps_ns(true_ns)
         arrival_ns = self._clock.arrivals_ns(true_ns + self.geometry.duration_ns)
         there = self._clock.arrived(true_ns.size)
-        return ScanBatch(
-            self.geometry,
-            stamps_ns[there],
-            true_ns[there],
-            arrival_ns[there],
-            ranges_m[there],
-            strengths[there] if strengths is not None else None,
-            truth[there] if truth is not None else None,
-        )
+        whole = ScanBatch(self.geometry, stamps_ns, true_ns, arrival_ns, ranges_m, strengths, truth)
+        return whole.select(there)
 
     def scan_batch(
         self, motion: Motion, true_ns: IntArray
@@ -110,7 +103,7 @@ class Lidar:
             part = slice(first, first + scans)
             middle, hits = self._true_hits(motion, true_ns[part])
             if truth is not None:
-                _set(truth[part], middle)
+                _set(truth.select(part), middle)
             reading = lidar_errors.measured(hits, self._config, self._streams)
             ranges_m[part] = reading.reshape(-1, shape[1])
             if strengths is not None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from slamsim.core.arrays import Samples
 from slamsim.core.types import (
     EncoderStream,
     Float32Array,
@@ -22,7 +23,7 @@ from slamsim.sensors.base import Batch
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BeamTruth:
+class BeamTruth(Samples):
     """What the middle of each beam truly met, (k, beam_count) each.
 
     ranges_m: without noise, ``inf`` for nothing, however far. cos_incidence: 1 head-on.
@@ -34,12 +35,9 @@ class BeamTruth:
     cos_incidence: Float32Array
     triangles: NDArray[np.uint32]
 
-    def __getitem__(self, scans: slice | NDArray[np.bool_]) -> BeamTruth:
-        return BeamTruth(self.ranges_m[scans], self.cos_incidence[scans], self.triangles[scans])
-
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ScanBatch:
+class ScanBatch(Samples):
     """Consecutive scans of one lidar.
 
     stamps_ns: (k,) beam 0 of each on the lidar's clock, what a log would say.
@@ -69,7 +67,7 @@ class ScanBatch:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ImuTruth:
+class ImuTruth(Samples):
     """(n, 3) each: what an unit without errors would read, and the biases of this one."""
 
     angular_velocity_rad_s: FloatArray
@@ -79,7 +77,7 @@ class ImuTruth:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ImuBatch:
+class ImuBatch(Samples):
     """Consecutive samples of an inertial unit; true_stamps_ns, arrival_ns: (n,) as for scans."""
 
     stream: ImuStream
@@ -92,7 +90,7 @@ class ImuBatch:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class EncoderBatch:
+class EncoderBatch(Samples):
     """Consecutive readings of the wheel encoders; true_stamps_ns, arrival_ns: (n,) likewise.
 
     true_angles_rad: (n, 2) of the wheels (left, right) at the true stamps.

@@ -142,13 +142,13 @@ class Encoders:
         arrival_ns = self._clock.arrivals_ns(true_ns)
         there = self._clock.arrived(true_ns.size)
         stream = EncoderStream(
-            stamps_ns[there],
-            ticks[there],
+            stamps_ns,
+            ticks,
             self._config.ticks_per_revolution,
             self._wheel_radius_m,
             self._track_m,
         )
-        return EncoderBatch(stream, true_ns[there], arrival_ns[there], angles_rad[there])
+        return EncoderBatch(stream, true_ns, arrival_ns, angles_rad).select(there)
 
     def _count(self, angles_rad: FloatArray) -> IntArray:
         """(n, 2) ticks after these true angles, less the ones missed so far."""

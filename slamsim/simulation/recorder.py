@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slamsim.core.geometry import xyzw_from_matrix
-from slamsim.core.types import Drive, EncoderStream, ImuStream, IntArray, Trajectory
+from slamsim.core.types import Drive, EncoderStream, IntArray, Trajectory
 from slamsim.recording import (
     Origin,
     RawImu,
@@ -22,7 +22,7 @@ from slamsim.recording import (
     TransformEdge,
 )
 from slamsim.recording.schemas import TRANSFORMS
-from slamsim.sensors.readings import Readings, scan_streams
+from slamsim.sensors.readings import EncoderBatch, ImuBatch, Readings, scan_streams
 from slamsim.simulation.header import LogHeader
 from slamsim.simulation.tails import OdometryTail, TruthTail, WheelMotion, at_rate, joined_path
 
@@ -147,13 +147,14 @@ def _imus(readings: Sequence[Readings]) -> tuple[RawImu, ...]:
     batches = [part.imu for part in readings if len(part.imu)]
     if not batches:
         return ()
-    stream = ImuStream.joined([batch.stream for batch in batches])
+    batch = ImuBatch.joined(batches)
+    stream = batch.stream
     return (
         RawImu(
             topic="/imu/data",
             frame_ids=(stream.frame_id,),
             stamps_ns=stream.stamps_ns,
-            received_ns=np.concatenate([batch.arrival_ns for batch in batches]),
+            received_ns=batch.arrival_ns,
             angular_velocity_rad_s=stream.angular_velocity_rad_s,
             linear_acceleration_m_s2=stream.linear_acceleration_m_s2,
             origin=Origin.in_order("/imu/data", np.arange(stream.stamps_ns.size)),
@@ -169,8 +170,8 @@ def _wheels(
     if not batches:
         return (), ()
     motion = WheelMotion.joined([tail.extend(batch.stream) for batch in batches])
-    stream = EncoderStream.joined([batch.stream for batch in batches])
-    received_ns = np.concatenate([batch.arrival_ns for batch in batches])
+    whole = EncoderBatch.joined(batches)
+    stream, received_ns = whole.stream, whole.arrival_ns
     odometry, moving = _odometry(stream.stamps_ns, received_ns, motion, header)
     ticks = _ticks(stream, received_ns, header.base_frame)
     joints = _joints(stream.stamps_ns, received_ns, motion, header)

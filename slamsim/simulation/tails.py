@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slamsim.core.arrays import Samples
 from slamsim.core.geometry import matrix_from_xyzw, wrap_angle, xyzw_from_yaw
 from slamsim.core.types import (
     BoolArray,
@@ -14,7 +15,6 @@ from slamsim.core.types import (
     EncoderStream,
     FloatArray,
     IntArray,
-    Samples,
     Trajectory,
 )
 from slamsim.models.differential_drive import forward_and_turn, metres_per_tick, poses_along

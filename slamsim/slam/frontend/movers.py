@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
@@ -230,10 +230,4 @@ def _numbered(points_m: FloatArray, origins_m: FloatArray) -> IntArray:
 
 def _left(cloud: Cloud, kept: BoolArray) -> Cloud:
     own = cloud.own_beams
-    return Cloud(
-        cloud.stamp_ns,
-        cloud.points_m[kept],
-        cloud.origins_m[kept],
-        cloud.hit[kept],
-        None if own is None else int(kept[:own].sum()),
-    )
+    return replace(cloud.select(kept), own_beams=None if own is None else int(kept[:own].sum()))
