@@ -14,7 +14,7 @@ from slamsim.config.loading import load_model
 from slamsim.config.robot import RobotConfig, VariationConfig
 from slamsim.config.scenarios.robots import SquareScript, StraightScript
 from slamsim.core.randomness import random_bits
-from slamsim.core.types import FloatArray, IntArray, Trajectory
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.guard.errors import SlamsimError
 from slamsim.scenarios.base import BodyMotion, Solid, Source
 from slamsim.sim.drive.script import CONTROL_HZ, Command, ScriptedRun
@@ -28,8 +28,7 @@ SECONDS_OF_CORE = 0.03
 def robot_motion(name: str, run: ScriptedRun, model: RobotModel) -> BodyMotion:
     """What to show of a run."""
     every = max(round(len(run.drive) / max(duration_s(run), 1e-9) / SHOWN_HZ), 1)
-    way = run.drive.trajectory()
-    thinned = Trajectory(way.stamps_ns[::every], way.positions_m[::every], way.quats_xyzw[::every])
+    thinned = run.drive.trajectory().select(slice(None, None, every))
     return BodyMotion(name, Solid("robot", (model.footprint_radius_m, model.height_m)), thinned)
 
 

@@ -263,7 +263,7 @@ def test_no_block_is_empty_where_scans_are_missing() -> None:
     steps = Robot(seconds=8.5).steps()
     begun_s = (steps.first_ns - steps.first_ns[0]) * 1e-9
     window = replace(steps, window=np.zeros_like(steps.window))
-    parts = list(blocks(window.keep((begun_s < 1.0) | (begun_s > 7.0))))
+    parts = list(blocks(window.select((begun_s < 1.0) | (begun_s > 7.0))))
     assert len(parts) > 1
     assert min(part.size for part in parts) > 0
 

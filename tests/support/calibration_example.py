@@ -115,7 +115,7 @@ class Robot:
 def without(inputs: Inputs, name: str) -> Inputs:
     """The same robot without its ``steps``, ``gyro`` or ``wheels``."""
     if name == "steps":
-        return replace(inputs, steps=inputs.steps.keep(np.zeros(len(inputs.steps), dtype=bool)))
+        return replace(inputs, steps=inputs.steps.select(np.zeros(len(inputs.steps), dtype=bool)))
     return replace(inputs, gyro=None) if name == "gyro" else replace(inputs, wheels=None)
 
 

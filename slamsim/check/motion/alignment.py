@@ -124,7 +124,7 @@ def _telling(steps: LaserSteps) -> LaserSteps:
     sigma_rad = np.sqrt(np.linalg.pinv(steps.information, hermitian=True)[:, 2, 2])
     turns_rad = float(np.sqrt(np.mean(np.square(steps.T_first_second[:, 2]))))
     told = sigma_rad < max(UNSURE_SHARE * turns_rad, UNSURE_TIMES * float(np.median(sigma_rad)))
-    return steps.keep(told) if told.mean() > LEAST_TOLD else steps
+    return steps.select(told) if told.mean() > LEAST_TOLD else steps
 
 
 def _lidar_disagrees(look: Alignment) -> bool:

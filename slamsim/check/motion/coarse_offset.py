@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import fft
 
+from slamsim.core.arrays import Samples
 from slamsim.core.types import FloatArray
 
 GRID_S = 0.02
@@ -29,7 +30,7 @@ TAPER = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rate:
+class Rate(Samples):
     """A signal that two streams see: mean values (n,) between starts_s and ends_s (n,), in order
     and not overlapping."""
 

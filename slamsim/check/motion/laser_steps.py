@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slamsim.check.findings import Measurement, decide
+from slamsim.core.arrays import Samples
 from slamsim.core.geometry import wrap_angle, yaw_from_xyzw
-from slamsim.core.types import BoolArray, FloatArray, IntArray
+from slamsim.core.types import FloatArray, IntArray
 from slamsim.guard.numbers import MOST, require_covariances, require_finite, require_number
 from slamsim.recording import RawScans, Recording
 from slamsim.recording.choice import lidars
@@ -47,7 +48,7 @@ MOST_ACTIVE = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LaserSteps:
+class LaserSteps(Samples):
     """Relative motions of one laser between pairs of its scans.
 
     first, second: (n,) which scans of the stream. first_ns, second_ns: (n,) their claimed stamps,
@@ -77,16 +78,6 @@ class LaserSteps:
     def __len__(self) -> int:
         return int(self.first.size)
 
-    def keep(self, chosen: BoolArray) -> LaserSteps:
-        """Only the (n,) chosen pairs."""
-        return LaserSteps(
-            self.topic,
-            *(self.first[chosen], self.second[chosen]),
-            *(self.first_ns[chosen], self.second_ns[chosen]),
-            *(self.T_first_second[chosen], self.information[chosen]),
-            *(self.window[chosen], self.sweep_s),
-        )
-
 
 def laser_steps(motions: ScanMotions, even: bool = True) -> LaserSteps:
     """Of all windows; steps that are not finite, or take no time, are left out.
@@ -109,7 +100,7 @@ def laser_steps(motions: ScanMotions, even: bool = True) -> LaserSteps:
     )
     finite = np.isfinite(steps.T_first_second).all(axis=1)
     finite &= np.isfinite(steps.information).all(axis=(1, 2))
-    return steps.keep(finite & (steps.second_ns > steps.first_ns))
+    return steps.select(finite & (steps.second_ns > steps.first_ns))
 
 
 def _true_sweep_s(motions: ScanMotions) -> float:

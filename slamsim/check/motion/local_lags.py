@@ -64,7 +64,7 @@ def local_lags(one: Rate, piece_of: IntArray, other: Rate, sign: float) -> Local
     times, candidates = [], []
     for number in np.unique(piece_of):
         mine = piece_of == number
-        piece = Rate(one.starts_s[mine], one.ends_s[mine], one.values[mine])
+        piece = one.select(mine)
         if np.std(piece.values) < LEAST_SHARE * _rms(one):
             continue
         found = _candidates(piece, turns)

@@ -237,14 +237,10 @@ class GrowingBag(StagedWriter):
                 count = batch.log_ns.size
                 if until_ns is not None:
                     count = int(np.searchsorted(batch.log_ns, until_ns, side="right"))
-                ready.append(_part(batch, slice(0, count)))
-                late.append(_part(batch, slice(count, None)))
+                ready.append(batch.select(slice(0, count)))
+                late.append(batch.select(slice(count, None)))
             self._held[topic] = [batch for batch in late if batch.log_ns.size]
         self._bag.write(ready)
 
     def _finish(self) -> None:
         self.release(None)
-
-
-def _part(batch: MessageBatch, which: slice) -> MessageBatch:
-    return MessageBatch(batch.channel, batch.log_ns[which], batch.data[which])

@@ -19,6 +19,7 @@ from mcap import records
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
+from slamsim.core.arrays import Samples
 from slamsim.core.types import IntArray
 from slamsim.io.mcap.framing import McapStream, record_bytes
 
@@ -37,7 +38,7 @@ _MESSAGE_HEAD = np.dtype(
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MessageBatch:
+class MessageBatch(Samples):
     """Messages of one channel and one size. log_ns: (n,). data: (n, size) uint8."""
 
     channel: int
