@@ -13,7 +13,7 @@ from slamsim.io.ros.encoding import Outgoing, outgoing, stream_messages
 from slamsim.recording import RawStream, Recording
 from slamsim.sensors.readings import Readings
 from slamsim.sensors.rig import SensorRig
-from slamsim.sim.drive.drive_loop import BasePose, Decision, DriveLoop, touching
+from slamsim.sim.drive.drive_loop import BasePose, DriveLoop
 from slamsim.sim.drive.follow import Twist
 from slamsim.sim.drive.pilot import STANDING, limited, upset
 from slamsim.sim.engine import running_engine
@@ -68,10 +68,10 @@ class LiveRobot:
         physics, follow = config.drive.physics, config.drive.follow
         self._config, self.tick_s = config, 1.0 / follow.control_rate_hz
         self._open = ExitStack()
-        self._engine = self._open.enter_context(running_engine(world, robot, physics))
+        engine = self._open.enter_context(running_engine(world, robot, physics))
         steps_per_tick = physics.rate_hz // follow.control_rate_hz
-        self._loop = DriveLoop(self._engine, robot, physics.rate_hz, steps_per_tick)
-        self._floor = Floor(self._engine, world.floor_friction, world.floor_patches)
+        self._loop = DriveLoop(engine, robot, physics.rate_hz, steps_per_tick)
+        self._floor = Floor(engine, world.floor_friction, world.floor_patches)
         looks = appearance_of(world, config.world.looks)
         self._rig = SensorRig(world.mesh, robot, config.sensors, config.seed, appearance=looks)
         self._recorder = DriveRecorder(world.name, header)
@@ -96,11 +96,10 @@ class LiveRobot:
     def advance(self, ticks: int, driver: Driver) -> Window:
         """Drive on for so many control ticks, or until the driver has nothing more to do."""
 
-        def decide(pose: BasePose) -> Decision:
+        def decide(pose: BasePose) -> Twist:
             self._command(driver, pose)
             self._floor.update(pose.x_m, pose.y_m, pose.yaw_rad)
-            walls = self._engine.walls
-            return Decision(self.command, any(touching(self._engine, wall) for wall in walls))
+            return self.command
 
         for _ in range(ticks):
             self._loop.control_tick(decide)

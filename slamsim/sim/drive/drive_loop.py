@@ -36,13 +36,6 @@ class BasePose(NamedTuple):
     up: float
 
 
-class Decision(NamedTuple):
-    """What one control tick commands, and whether the robot touches something upright."""
-
-    command: Twist
-    wall_contact: bool
-
-
 def _nothing_to_watch() -> None:
     return None
 
@@ -62,7 +55,7 @@ class DriveLoop:
 
     def control_tick(
         self,
-        decide: Callable[[BasePose], Decision],
+        decide: Callable[[BasePose], Twist],
         watch: Callable[[], None] = _nothing_to_watch,
     ) -> None:
         """Decide the command, then record and step until the next control tick.
@@ -86,14 +79,15 @@ class DriveLoop:
                 motors.update((left[1], right[1]))
             step()
 
-    def _obey(self, decision: Decision) -> None:
+    def _obey(self, command: Twist) -> None:
         """From the commanded twist to the wheels' speeds."""
-        if decision.command != self._command:
-            self._command = decision.command
+        if command != self._command:
+            self._command = command
             left_m_s, right_m_s = left_and_right(*self._command, self._track_m)
             radius_m = self._wheel_radius_m
             self._motors.command((left_m_s / radius_m, right_m_s / radius_m))
-        self._recorder.ticks.extend((*decision.command, float(decision.wall_contact)))
+        touches = any(_touching(self._engine, wall) for wall in self._engine.walls)
+        self._recorder.ticks.extend((*command, float(touches)))
 
     def _base_pose(self, position: Vector, quaternion: Vector) -> BasePose:
         """From the pose of the centre of mass."""
@@ -108,7 +102,7 @@ class DriveLoop:
         return self._recorder.take_window()
 
 
-def touching(engine: Engine, other: int) -> bool:
+def _touching(engine: Engine, other: int) -> bool:
     """Whether the robot touches another body."""
     points = pybullet.getContactPoints(engine.body, other, -2, -2, engine.client)
     return any(point[CONTACT_DISTANCE] < TOUCHING_M for point in points)

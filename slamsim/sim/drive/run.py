@@ -13,7 +13,8 @@ from slamsim.config.drive import DriveConfig, PhysicsConfig
 from slamsim.core.progress import Progress, silent
 from slamsim.core.types import Drive
 from slamsim.sim.bullet import pybullet
-from slamsim.sim.drive.drive_loop import BasePose, Decision, DriveLoop, touching
+from slamsim.sim.drive.drive_loop import BasePose, DriveLoop
+from slamsim.sim.drive.follow import Twist
 from slamsim.sim.drive.legs import Route
 from slamsim.sim.drive.pilot import Pilot
 from slamsim.sim.engine import running_engine
@@ -95,7 +96,7 @@ class _RouteLoop:
         self, engine: Engine, world: World, robot: RobotModel, route: Route, config: DriveConfig
     ) -> None:
         rate_hz, control_hz = config.physics.rate_hz, config.follow.control_rate_hz
-        self._engine, self._tick, self._tick_s = engine, 0, 1.0 / control_hz
+        self._tick, self._tick_s = 0, 1.0 / control_hz
         self._window_ticks = max(round(config.physics.window_s * control_hz), 1)
         self._ride = DriveLoop(engine, robot, rate_hz, rate_hz // control_hz)
         self._floor = Floor(engine, world.floor_friction, world.floor_patches)
@@ -114,11 +115,10 @@ class _RouteLoop:
                 yield window
         progress(self.time_s(), self.time_s())
 
-    def _decide(self, pose: BasePose) -> Decision:
+    def _decide(self, pose: BasePose) -> Twist:
         self.pilot.decide(self.time_s(), *pose)
         self._floor.update(pose.x_m, pose.y_m, pose.yaw_rad)
-        walls = self._engine.walls
-        return Decision(self.pilot.command, any(touching(self._engine, wall) for wall in walls))
+        return self.pilot.command
 
 
 def bare_step_seconds(

@@ -18,7 +18,7 @@ from slamsim.core.types import Drive, EncoderStream, FloatArray, IntArray, Traje
 from slamsim.guard.errors import SlamsimError
 from slamsim.guard.numbers import require_number
 from slamsim.sim.bullet import pybullet
-from slamsim.sim.drive.drive_loop import BasePose, Decision, DriveLoop, touching
+from slamsim.sim.drive.drive_loop import BasePose, DriveLoop
 from slamsim.sim.drive.follow import Twist
 from slamsim.sim.drive.pilot import STANDING, limited
 from slamsim.sim.engine import set_gravity, standing_robot
@@ -155,7 +155,7 @@ class _Play:
             self._ended,
         )
 
-    def _decide(self, pose: BasePose) -> Decision:
+    def _decide(self, pose: BasePose) -> Twist:
         self._ended = _trouble(pose)
         if not self._ended:
             self._floor.update(pose.x_m, pose.y_m, pose.yaw_rad)
@@ -163,8 +163,7 @@ class _Play:
         if self._limits is not None:
             wanted = limited(self._command, wanted, self._limits, self._tick_s)
         self._command = wanted
-        blocks = self._engine.walls
-        return Decision(self._command, any(touching(self._engine, block) for block in blocks))
+        return wanted
 
     def _wanted(self) -> Twist:
         now_s = (self._tick + 1e-6) * self._tick_s
