@@ -12,16 +12,16 @@ import logging
 import secrets
 import socket
 import sys
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from concurrent.futures import Future
 from contextlib import suppress
 from dataclasses import dataclass
 from threading import Lock, Thread
 from typing import Any, Self
 
-from websockets.asyncio.server import ServerConnection
+from websockets.asyncio.server import Server, ServerConnection, serve
 
-from slamsim.live.servers.access import LOOPBACK, Access
+from slamsim.live.servers.access import LOOPBACK, Access, not_served
 from slamsim.process.module_process import ModuleProcess
 from slamsim.process.pipe import Ended, packed
 
@@ -150,16 +150,17 @@ class Connection(ServerConnection):
         await super().handshake(*options)
 
 
-def connections() -> type[Connection]:
-    """For one server, whose connections know of each other. Its ``open_timeout`` must be None."""
-    return type("Connection", (Connection,), {"half_open": []})
-
-
 class LoopThread:
-    """Serves from ``_start`` until its block ends, when ``_ended`` is set."""
+    """Serves from ``_start`` until its block ends, when ``_ended`` is set.
+
+    port: 0 for a free one; then ``_port`` is the one at which it listens.
+    """
 
     _loop: asyncio.AbstractEventLoop
     _ended: asyncio.Event
+
+    def __init__(self, access: Access, port: int) -> None:
+        self._access, self._port = access, port
 
     def __enter__(self) -> Self:
         return self
@@ -191,7 +192,35 @@ class LoopThread:
         """Until ``_ended`` is set; calls listens once clients may come."""
         raise NotImplementedError
 
+    async def _listening(
+        self, talk: Callable[[ServerConnection], Awaitable[None]], **options: Any
+    ) -> Server:
+        """A server of WebSockets, which listens. Raises OutputRefused where it cannot."""
+        try:
+            server = await serve(
+                talk,
+                self._access.host,
+                self._port,
+                # The connections of one server know of each other.
+                create_connection=type("Connection", (Connection,), {"half_open": []}),
+                open_timeout=None,  # see Connection
+                compression=None,  # what is large is compressed once, not for each client
+                logger=_silent_logger(),
+                **options,
+            )
+        except OSError as error:
+            raise not_served(self._access.host, self._port, error) from None
+        self._port = next(iter(server.sockets)).getsockname()[1]
+        return server
+
     def _in_loop(self, action: Callable[[], None]) -> None:
         """From any thread; nothing is done when the server has ended meanwhile."""
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(action)
+
+
+def _silent_logger() -> logging.Logger:
+    """Connections that break or speak another protocol are everyday, and told to their client."""
+    logger = logging.Logger("sockets")
+    logger.addHandler(logging.NullHandler())
+    return logger

@@ -19,14 +19,14 @@ from typing import Any
 from urllib.parse import quote
 
 from websockets.asyncio.server import Server as SocketServer
-from websockets.asyncio.server import ServerConnection, serve
+from websockets.asyncio.server import ServerConnection
 from websockets.http11 import Request, Response
 
 from slamsim.guard.errors import SlamsimError
 from slamsim.live.controls import Controls
 from slamsim.live.hub import Hub
-from slamsim.live.servers.access import Access, not_served
-from slamsim.live.servers.front import LoopThread, connections
+from slamsim.live.servers.access import Access
+from slamsim.live.servers.front import LoopThread
 from slamsim.live.servers.web.answers import (
     Recordings,
     answer,
@@ -58,8 +58,6 @@ _CLOSE_S = 0.5
 _LIVE, _RECORDING = "/live", "/recording/"
 
 _log = logging.getLogger(__name__)
-_log_of_sockets = logging.getLogger(f"{__name__}.sockets")
-_log_of_sockets.setLevel(logging.CRITICAL)  # what clients send is theirs, and worth no traceback
 
 
 class PageServer(LoopThread):
@@ -71,12 +69,12 @@ class PageServer(LoopThread):
     def __init__(
         self, hub: Hub, controls: Controls, access: Access, port: int, drop_s: float = DROP_S
     ) -> None:
-        self._hub, self._controls, self._access, self._drop_s = hub, controls, access, drop_s
+        super().__init__(access, port)
+        self._hub, self._controls, self._drop_s = hub, controls, drop_s
         self._recordings = Recordings()
         self._clients = 0
         self._began_ns: int | None = None
         self._downloads = set[ServerConnection]()
-        self._port = port
         self._start("page")
 
     @property
@@ -87,23 +85,13 @@ class PageServer(LoopThread):
 
     async def _serve(self, listens: Callable[[], None]) -> None:
         self._news, self._newest = asyncio.Event(), Newest()
-        try:
-            server = await serve(
-                self._converse,
-                self._access.host,
-                self._port,
-                process_request=self._answer,
-                create_connection=connections(),
-                server_header=None,
-                compression=None,  # what is large is compressed once, not for each client
-                open_timeout=None,
-                close_timeout=_CLOSE_S,
-                max_size=MOST_BYTES,
-                logger=_log_of_sockets,
-            )
-        except OSError as error:
-            raise not_served(self._access.host, self._port, error) from None
-        self._port = next(iter(server.sockets)).getsockname()[1]
+        server = await self._listening(
+            self._converse,
+            process_request=self._answer,
+            server_header=None,
+            close_timeout=_CLOSE_S,
+            max_size=MOST_BYTES,
+        )
         self._cookie = f"slamsim_{self._port}"
         view = View(self._hub, self._wake)
         works = (self._publish(view), self._draw(view), self._ended.wait())

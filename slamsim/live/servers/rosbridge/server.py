@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import logging
 from collections.abc import Callable, Sequence
 from http import HTTPStatus
 from urllib.parse import quote
 
 from websockets.asyncio.server import Server as WebSocketServer
-from websockets.asyncio.server import ServerConnection, serve
+from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed, NegotiationError
 from websockets.http11 import Request, Response
 from websockets.typing import Subprotocol
@@ -23,8 +22,8 @@ from slamsim.guard.errors import shown
 from slamsim.live.controls import Controls
 from slamsim.live.hub import Hub
 from slamsim.live.rosbridge import LARGEST_MESSAGE
-from slamsim.live.servers.access import Access, not_served, refusal
-from slamsim.live.servers.front import LoopThread, connections
+from slamsim.live.servers.access import Access, refusal
+from slamsim.live.servers.front import LoopThread
 from slamsim.live.servers.rosbridge.client import Client
 from slamsim.live.servers.rosbridge.operations import Operations
 from slamsim.live.servers.rosbridge.topics import Topics
@@ -44,9 +43,9 @@ class RosbridgeServer(LoopThread):
     """
 
     def __init__(self, hub: Hub, controls: Controls, access: Access, port: int = 9090) -> None:
-        self._hub, self._controls, self._access = hub, controls, access
+        super().__init__(access, port)
+        self._hub, self._controls = hub, controls
         self._clients: dict[Client, ServerConnection] = {}
-        self._port = port
         self._start("rosbridge")
 
     @property
@@ -63,27 +62,17 @@ class RosbridgeServer(LoopThread):
     async def _serve(self, listens: Callable[[], None]) -> None:
         self._topics = Topics(self._hub)
         self._operations = Operations(self._topics, self._controls)
-        try:
-            server = await serve(
-                self._talk,
-                self._access.host,
-                self._port,
-                process_request=self._admit,
-                create_connection=connections(),
-                open_timeout=None,
-                subprotocols=[SUBPROTOCOL],
-                select_subprotocol=_subprotocol,
-                compression=None,  # on this machine it only costs time
-                max_size=LARGEST_MESSAGE,
-                max_queue=4,
-                ping_interval=None,  # Client.watch
-                close_timeout=_STOP_S,
-                logger=_silent_logger(),
-                server_header="slamsim",
-            )
-        except OSError as error:
-            raise not_served(self._access.host, self._port, error) from None
-        self._port = server.sockets[0].getsockname()[1]
+        server = await self._listening(
+            self._talk,
+            process_request=self._admit,
+            subprotocols=[SUBPROTOCOL],
+            select_subprotocol=_subprotocol,
+            max_size=LARGEST_MESSAGE,
+            max_queue=4,
+            ping_interval=None,  # Client.watch
+            close_timeout=_STOP_S,
+            server_header="slamsim",
+        )
         leave = self._hub.listen(self._topics.heard)
         listens()
         try:
@@ -135,10 +124,3 @@ def _subprotocol(
     if offered and SUBPROTOCOL not in offered:
         raise NegotiationError(f"this is a server of rosbridge v2, not of {shown(offered[0])}")
     return SUBPROTOCOL if offered else None
-
-
-def _silent_logger() -> logging.Logger:
-    """Connections that break or speak another protocol are everyday, and told to their client."""
-    logger = logging.Logger("rosbridge")
-    logger.addHandler(logging.NullHandler())
-    return logger
