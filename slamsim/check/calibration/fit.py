@@ -65,7 +65,7 @@ class Fit:
 
     pieces: the same values by parts of the drive, None of too short a one.
     residual: (n, 4) after the fit; weight: (n,) 1 inlier, 0 outlier; used: (n,) whether anything
-    was there to compare. chi2: (n,) squared residual in standard deviations.
+    was there to compare.
     """
 
     values: FloatArray
@@ -75,7 +75,6 @@ class Fit:
     residual: FloatArray
     weight: FloatArray
     used: BoolArray
-    chi2: FloatArray
 
     @property
     def sigmas(self) -> FloatArray:
@@ -115,7 +114,6 @@ def fit(model: Model, start: FloatArray) -> Fit:
         residual=last.residual,
         weight=last.weight,
         used=last.used,
-        chi2=last.chi2,
     )
 
 
@@ -149,7 +147,6 @@ class _Equations:
     residual: FloatArray
     weight: FloatArray
     used: BoolArray
-    chi2: FloatArray
 
     @property
     def by_noise(self) -> FloatArray:
@@ -223,7 +220,6 @@ def _equations(
         residual,
         weight,
         used,
-        chi2,
     )
 
 

@@ -43,14 +43,13 @@ class FloorFit:
     """tilt_rad: (2,) by how much the camera is turned otherwise than claimed: about the axis to its
     right (it looks further up), and about where it looks, seen from above (its left side is
     higher). height_m: of the camera above the floor. up: (3,) away from the floor, in the camera.
-    sigmas: (3,) of tilt and height. images, points: in which the floor is seen."""
+    sigmas: (3,) of tilt and height. images: in which the floor is seen."""
 
     tilt_rad: FloatArray
     height_m: float
     up: FloatArray
     sigmas: FloatArray
     images: int
-    points: int
 
 
 def fit_floor(depth: CameraSurvey, R_base_camera: FloatArray) -> FloorFit | None:
@@ -78,7 +77,7 @@ def fit_floor(depth: CameraSurvey, R_base_camera: FloatArray) -> FloorFit | None
     sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))[[1, 0, 2]]
     seen_up = (by_right * right + by_ahead * ahead + up) / steep
     height_m = float(offset_m / steep)
-    return FloorFit(tilt, height_m, seen_up, sigmas, seen, int(used.sum()))
+    return FloorFit(tilt, height_m, seen_up, sigmas, seen)
 
 
 def _axes(up: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -77,8 +77,6 @@ class SliceFit:
     values: FloatArray
     sigmas: FloatArray
     mixed: FloatArray
-    images: int
-    points: int
     pixel_rad: float
 
 
@@ -339,15 +337,14 @@ def _settled(
             if np.abs(step).max() < least:
                 break
     # Errors within an image are alike (noise of disparity, one wall): images count, not points.
-    spread = sum(np.outer(g, g) for _, g, _ in blocks) + np.diag(an_image * prior)
+    spread = sum(np.outer(g, g) for _, g in blocks) + np.diag(an_image * prior)
     inverse = np.linalg.pinv(H, rcond=_RANK)
     size, vectors = np.linalg.eigh(H)
     untold = vectors[:, size < _RANK * size[-1]]  # the delay of a robot that stands
     covariance = inverse @ spread @ inverse + untold @ untold.T
-    used = sum(count for _, _, count in blocks)
     sigmas = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     mixed = np.sqrt(np.maximum(np.diag(H) * np.diag(inverse), 1.0))
-    return SliceFit(values, sigmas, mixed, len(slices), used, pixel_rad)
+    return SliceFit(values, sigmas, mixed, pixel_rad)
 
 
 _Equations = tuple[FloatArray, FloatArray, FloatArray]
@@ -390,9 +387,8 @@ def _equations(
 
 def _weighed(
     A: FloatArray, apart: FloatArray, scatter_m: FloatArray, noise: float
-) -> tuple[FloatArray, FloatArray, int]:
-    """(n, n) and (n,) of one image's n unknowns, and how many points count in it (Tukey's
-    biweight)."""
+) -> tuple[FloatArray, FloatArray]:
+    """(n, n) and (n,) of one image's n unknowns, its points by Tukey's biweight."""
     weight = biweights(apart / scatter_m, noise) / np.square(scatter_m)
     by = A * weight[:, None]
-    return by.T @ A, by.T @ apart, int((weight > 0.0).sum())
+    return by.T @ A, by.T @ apart

@@ -78,7 +78,6 @@ class _Looks:
     those in which the robot moves, whose twist neither the others nor the poses know. stretch: the
     one that is most clearly off."""
 
-    seconds: FloatArray
     moved: FloatArray
     turned: FloatArray
     by_twist: FloatArray
@@ -181,7 +180,6 @@ def _looks(odometry: RawOdometry) -> _Looks | None:
     leaps = _leaps(times_s, track, speeds)
     stretch = _worst_stretch(*steps(np.arange(0.0, times_s[-1], STEP_S)))
     return _Looks(
-        edges_s[:-1],
         known[:, :2],
         known[:, 2],
         said[:, :2],
