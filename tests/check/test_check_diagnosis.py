@@ -89,6 +89,13 @@ def test_sizes_are_not_told_where_wheels_and_scans_contradict_each_other_once_th
     assert names(misfit, mount, stuck) == {"laser_position", "imu_stuck"}
 
 
+def test_a_twist_is_not_compared_with_poses_of_which_stamps_say_nothing() -> None:
+    twist = bad("odometry.twist", "/odom", "odometry_twist")
+    for name in ("stamps_quantised", "stamps_repeated", "stamps_jitter", "stamps_backward"):
+        assert names(twist, bad("time.rounding", "/odom", name)) == {name}
+        assert names(twist, bad("time.rounding", "/scan", name)) == {name, "odometry_twist"}
+
+
 def test_a_slash_before_a_name_hides_nothing() -> None:
     slash = bad("tf.slash", "/scan", "frame_slash")
     for other in (

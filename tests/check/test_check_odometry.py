@@ -140,15 +140,18 @@ def test_twists_that_are_wrong_for_a_fifth_of_the_drive(
         assert twist_of(apply_repairs(made, found.repairs)).verdict == "ok"
 
 
-def test_poses_that_jump_are_no_twist_that_is_wrong() -> None:
-    """As of a counter that overflows: all at once the robot is turned."""
+@pytest.mark.parametrize(("turn_rad", "by_m"), [(1.0, 0.0), (2.0, 0.0), (0.0, 2.0)])
+def test_poses_that_jump_are_no_twist_that_is_wrong(turn_rad: float, by_m: float) -> None:
+    """As of a counter that overflows: all at once the robot is elsewhere, or turned."""
 
     def jumping(odometry: RawOdometry) -> RawOdometry:
-        turned = np.where(np.arange(len(odometry)) > len(odometry) // 2, 2.0, 0.0)
+        after = np.arange(len(odometry)) > len(odometry) // 2
         places, corner = odometry.positions_m.copy(), odometry.positions_m[len(odometry) // 2]
+        yaw, turned = yaw_from_xyzw(odometry.quats_xyzw), np.where(after, turn_rad, 0.0)
         places[:, :2] = corner[:2] + rotated(places[:, :2] - corner[:2], turned)
-        quats = xyzw_from_yaw(yaw_from_xyzw(odometry.quats_xyzw) + turned)
-        return replace(odometry, positions_m=places, quats_xyzw=quats)
+        ahead = yaw[len(yaw) // 2]
+        places[after, :2] += by_m * np.array([np.cos(ahead), np.sin(ahead)])
+        return replace(odometry, positions_m=places, quats_xyzw=xyzw_from_yaw(yaw + turned))
 
     assert twist_of(robot().changed(RawOdometry, jumping)).verdict == "ok"
 

@@ -46,7 +46,13 @@ _EVENLY = ("restamp_evenly",)
 ORDER = Question(
     "time.order",
     "stamps never go backward",
-    (FaultKind("stamps_backward", "stamps go backward", (lidar_stamps(*BY_SCANS),)),),
+    (
+        FaultKind(
+            "stamps_backward",
+            "stamps go backward",
+            (same_subject("odometry_twist"), lidar_stamps(*BY_SCANS)),
+        ),
+    ),
     limit=0.0,
     unit="backward stamps",
     consequence="filters and bag players drop or reorder messages",
@@ -69,6 +75,7 @@ ROUNDING = Question(
             "stamps are rounded coarsely",
             (
                 anywhere(*_OFFSETS),
+                same_subject("odometry_twist"),
                 lidar_stamps(*BY_SCANS),
             ),
         ),
@@ -91,7 +98,7 @@ SCATTER = Question(
                 same_subject("stamps_backward", "stamps_future"),
                 # Stamped up to a step late, wheels of the right size looked 4 % too small: up to
                 # ``diagnosis.MOST_SIZED``.
-                same_subject("wheel_radius", "wheel_track", "wheel_slip"),
+                same_subject("wheel_radius", "wheel_track", "wheel_slip", "odometry_twist"),
             ),
         ),
     ),
@@ -108,7 +115,7 @@ REPEATS = Question(
         FaultKind(
             "stamps_repeated",
             "messages carry the stamp of another one",
-            (same_subject(*_OFFSETS, "stamps_jitter"), lidar_stamps(*BY_SCANS)),
+            (same_subject(*_OFFSETS, "stamps_jitter", "odometry_twist"), lidar_stamps(*BY_SCANS)),
         ),
     ),
     limit=100.0 * MAX_REPEATED_SHARE,
