@@ -12,7 +12,7 @@ from itertools import accumulate
 
 import numpy as np
 
-from slamsim.config.drive import LimitsConfig, PhysicsConfig
+from slamsim.config.drive import PhysicsConfig
 from slamsim.core.geometry import matrix_from_xyzw
 from slamsim.core.types import Drive, EncoderStream, FloatArray, IntArray, Trajectory
 from slamsim.guard.errors import SlamsimError
@@ -20,7 +20,6 @@ from slamsim.guard.numbers import require_number
 from slamsim.sim.bullet import pybullet
 from slamsim.sim.drive.drive_loop import BasePose, DriveLoop
 from slamsim.sim.drive.follow import Twist
-from slamsim.sim.drive.pilot import STANDING, limited
 from slamsim.sim.engine import set_gravity, standing_robot
 from slamsim.sim.ground import Floor, Ground, add_blocks
 from slamsim.sim.robot.chassis import Engine, set_wheel_friction
@@ -91,22 +90,20 @@ def scripted_run(
     physics: PhysicsConfig,
     *,
     start_pose: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    limits: LimitsConfig | None = None,
     forces: bool = False,
 ) -> ScriptedRun:
     """The robot plays the commands, one after the other, from rest at (x_m, y_m, yaw_rad).
 
-    It settles on the level ground; the ground tilts as the first command begins. limits: what the
-    commands keep to; without them they are steps. forces: whether each step's contact forces are
-    read, which takes about as long as the step. Raises SlamsimError for commands that
-    last for no time or too long, and if the physics fails before the first one.
+    It settles on the level ground; the ground tilts as the first command begins. forces: whether
+    each step's contact forces are read, which takes about as long as the step. Raises SlamsimError
+    for commands that last for no time or too long, and if the physics fails before the first one.
     """
     down = -ground.gravity_m_s2[2]
     furnish = partial(add_blocks, blocks=ground.blocks)
     with standing_robot(
         robot, physics, np.array(start_pose, dtype=np.float64), ground.friction, furnish, down
     ) as engine:
-        play = _Play(engine, robot, ground, commands, physics, limits)
+        play = _Play(engine, robot, ground, commands, physics)
         return play.run(forces)
 
 
@@ -120,11 +117,10 @@ class _Play:
         ground: Ground,
         commands: Sequence[Command],
         physics: PhysicsConfig,
-        limits: LimitsConfig | None,
     ) -> None:
         steps_per_tick = max(round(physics.rate_hz / CONTROL_HZ), 1)
         self._engine, self._ground, self._commands = engine, ground, tuple(commands)
-        self._limits, self._tick_s = limits, steps_per_tick / physics.rate_hz
+        self._tick_s = steps_per_tick / physics.rate_hz
         self._ends_s = list(accumulate(command.duration_s for command in commands))
         if not (self._ends_s and self._tick_s <= self._ends_s[-1] <= LONGEST_S):
             raise SlamsimError(
@@ -135,7 +131,7 @@ class _Play:
         if ground.under_wheels is not None:
             set_wheel_friction(engine, *ground.under_wheels)
         self._watch = _Watch(engine, ground)
-        self._command, self._tick, self._ended = STANDING, 0, ""
+        self._tick, self._ended = 0, ""
 
     def run(self, forces: bool) -> ScriptedRun:
         set_gravity(self._engine.client, self._ground.gravity_m_s2)
@@ -159,13 +155,6 @@ class _Play:
         self._ended = _trouble(pose)
         if not self._ended:
             self._floor.update(pose.x_m, pose.y_m, pose.yaw_rad)
-        wanted = self._wanted()
-        if self._limits is not None:
-            wanted = limited(self._command, wanted, self._limits, self._tick_s)
-        self._command = wanted
-        return wanted
-
-    def _wanted(self) -> Twist:
         now_s = (self._tick + 1e-6) * self._tick_s
         command = self._commands[bisect_right(self._ends_s, now_s)]
         return command.speed_m_s, command.yaw_rate_rad_s
