@@ -154,6 +154,7 @@ def _map(
     """What SLAM made of it is written before anything is drawn of it, so that it stays whatever
     fails then."""
     result, saved = _slam(log, config, stages, earlier, images)
+    return_freed_memory()
     log = result.log or log
     log = replace(log, warnings=(*log.warnings, *images.layers.told))
     unjoined = "" if earlier is None else earlier.unjoined(saved, result, log)
@@ -166,6 +167,7 @@ def _map(
     with failures.caught("map", last):
         grid = _grid(log, result, saved, config, stages)
         del saved  # its key frames take 0.1 GB of a drive of two hours
+        return_freed_memory()
         run_folder.write_map(partial, grid)
         sources = images.layers
         layers = run_layers.map_layers(sources, log, result, grid, config.mapping, stages, failures)

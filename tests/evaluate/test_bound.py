@@ -12,6 +12,7 @@ from test_bound_scans import T_BASE_LASER, distance, lidar, moved, nearest, poly
 from slamsim.config.sensors import EncoderConfig, GyroConfig, ImuConfig, SensorsConfig
 from slamsim.core.geometry import between, compose, wrap_angle
 from slamsim.core.types import FloatArray, PlanarTrajectory
+from slamsim.evaluate import bound_solve
 from slamsim.evaluate.bound import (
     Groups,
     aligned_rmse_m,
@@ -48,6 +49,16 @@ def test_draws_have_the_inverse_as_their_covariance(seed: int, size: int) -> Non
     information = root @ root.T + 0.1 * np.eye(size)
     drawn = draws(csc_array(information), size, Unit())
     np.testing.assert_allclose(drawn @ drawn.T, np.linalg.inv(information), atol=1e-9)
+
+
+def test_draws_are_the_same_however_many_are_made_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    root = np.random.default_rng(1).normal(size=(50, 50))
+    information = csc_array(root @ root.T + np.eye(50))
+    drawn = []
+    for at_once in (4, 7, 30):
+        monkeypatch.setattr(bound_solve, "DRAWN_AT_ONCE", at_once)
+        drawn.append(draws(information, 30, np.random.default_rng(2)))
+    assert np.array_equal(drawn[0], drawn[2]) and np.array_equal(drawn[1], drawn[2])
 
 
 def test_a_matrix_that_is_no_information_is_refused() -> None:

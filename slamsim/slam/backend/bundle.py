@@ -32,6 +32,7 @@ from slamsim.models.line_bundle import (
     to_map,
 )
 from slamsim.models.supernodes import add_block, empty_system, make_panels
+from slamsim.process.children import return_freed_memory
 from slamsim.slam.backend.association import Shared, loose_closures, share_surfaces
 from slamsim.slam.backend.marginals import add_edges, edge_covariances
 from slamsim.slam.backend.surface_information import SurfaceInformation
@@ -248,6 +249,7 @@ class _Bundle:
 
     def _surface_system(self, poses: FloatArray) -> FloatArray:
         """The same without the odometry."""
+        return_freed_memory()  # else the system, 0.1 GB of a long drive, comes on top of it
         system = empty_system(self._panels)
         add_surfaces(self._seen(poses), self._panels, system)
         return system

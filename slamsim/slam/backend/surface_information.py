@@ -19,6 +19,7 @@ from slamsim.core.geometry import adjoint, between, compose, inverse, rotation
 from slamsim.core.result import EdgeKind, GraphEdge, MapGraph
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.models.supernodes import Panels, add_blocks, blocks_at, empty_system
+from slamsim.process.children import return_freed_memory
 from slamsim.slam.backend.gauge import WholeMap
 from slamsim.slam.backend.marginals import Joined
 from slamsim.slam.backend.smoothing import Smoothed
@@ -128,6 +129,7 @@ class SurfaceInformation:
     def _joined(self) -> Joined:
         count = len(self.poses)
         ends = np.stack([np.arange(count - 1), np.arange(1, count)], axis=1)
+        return_freed_memory()
         system = empty_system(self.panels)
         add_blocks(self.panels, system, self.met - 1, self.known)
         seen = (self.panels, system, self.pairs)
