@@ -209,9 +209,22 @@ def test_a_heading_in_another_unit_than_its_path_is_named_and_repaired(
     np.testing.assert_array_equal(fixed.positions_m, places)
 
 
-def test_a_heading_that_turns_as_its_path_does_is_fine() -> None:
-    (found,) = check_heading(RecordingEvidence(robot()))
+@pytest.mark.parametrize("factor", [1.0, 1.5, 0.4, 0.0, -0.6])
+def test_a_heading_that_turns_about_as_its_path_does_is_fine(factor: float) -> None:
+    """More where robots turn on the spot between straight pieces, anyhow where they slide."""
+    odometry = robot().odometries[0]
+    yaw = factor * np.unwrap(yaw_from_xyzw(odometry.quats_xyzw))
+    made = robot().with_streams(RawOdometry, (replace(odometry, quats_xyzw=xyzw_from_yaw(yaw)),))
+    (found,) = check_heading(RecordingEvidence(made))
     assert found.verdict == "ok"
+
+
+def test_a_heading_in_degrees_is_told_where_robots_turn_between_straight_pieces() -> None:
+    odometry = robot().odometries[0]
+    yaw = 1.3 * 180.0 / np.pi * np.unwrap(yaw_from_xyzw(odometry.quats_xyzw))
+    made = robot().with_streams(RawOdometry, (replace(odometry, quats_xyzw=xyzw_from_yaw(yaw)),))
+    (found,) = check_heading(RecordingEvidence(made))
+    assert found.fault == "odometry_heading"
 
 
 def turning_of(made: Recording) -> Finding:
