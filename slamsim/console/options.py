@@ -32,7 +32,8 @@ ScanTopic = Annotated[
     typer.Option(
         "--scan-topic",
         metavar="TOPIC",
-        help="Scans to read, if there are several lidars; may be repeated.",
+        help="Scans to read, if there are several lidars; may be repeated. For map also depth "
+        "images.",
     ),
 ]
 OdomTopic = Annotated[

@@ -100,7 +100,7 @@ class RawScans(RawStream):
     of float32 as recorded (an array when all have as many beams, else a sequence of arrays, which
     may read the file only when asked). intensities likewise, None without any. range_is_estimated:
     the format declares no maximum, so that ``range_max_m`` is what the readings themselves say.
-    in_order: False where the order in which the beams of a turn were measured is lost.
+    in_order: False where the order in which the beams were measured is lost, or there is none.
     other_intensities: messages that hold some, but not as many as ranges. note: how the scans were
     made of other messages, in words; then they cannot be written back, and have no origin.
     """

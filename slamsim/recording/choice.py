@@ -110,7 +110,7 @@ def ranked(recording: Recording, kind: type[RawStream]) -> list[RecordedTopic]:
 
 def holds(recording: Recording, topic: RecordedTopic, kind: type[RawStream]) -> bool:
     """Whether a topic holds streams of a kind, as others do of which scans were made."""
-    if topic.type_name in (CLOUD, ECHOES) and kind is RawScans:
+    if kind is RawScans and topic.type_name != kind.schema.type_name:
         return any(scans.topic == topic.topic for scans in recording.scans)
     return topic.type_name == kind.schema.type_name
 

@@ -37,6 +37,7 @@ from slamsim.run.cameras.asked import (
     refuse_wrong_files,
     require_returns,
 )
+from slamsim.run.cameras.without_lidar import WithoutLidar
 from slamsim.run.checking import check_stage
 from slamsim.run.continuing import Earlier, clouds_before
 from slamsim.run.naming import log_of, recording_name
@@ -94,12 +95,14 @@ def map_recording(
     relations: Path | None = None,
     wanted: Selection = EVERYTHING,
     earlier: Earlier | None = None,
+    without: WithoutLidar | None = None,
     overwrite: bool = False,
 ) -> Report:
-    """Map, evaluate with whatever truth there is, show; earlier: a map to go on with."""
+    """Map, evaluate with whatever truth there is, show; earlier: a map to go on with. without: the
+    recording to read in the place of the one at source, which has no scans of a lidar."""
     calibrated = refuse_wrong_files(config, None if earlier is None else earlier.saved.landmarks)
     path = log_of(source)
-    opened = open_recording(path, wanted)
+    opened = open_recording(path, wanted) if without is None else without.opened
     log = replace(opened.log(), name=recording_name(str(source)))
     require_returns(log)
     reporter.note(log.sources)
@@ -121,7 +124,7 @@ def map_recording(
         write_config(partial, config)
         if known.truth is not None:
             run_folder.write_truth(partial, known.truth)
-        return _map(log, config, partial, stages, known, checked, images, earlier)
+        return _map(log, config, partial, stages, known, checked, images, earlier, without)
 
 
 def require_used(report: Report, folder: Path) -> None:
@@ -150,6 +153,7 @@ def _map(
     checked: CheckReport,
     images: FromImages,
     earlier: Earlier | None = None,
+    without: WithoutLidar | None = None,
 ) -> Report:
     """What SLAM made of it is written before anything is drawn of it, so that it stays whatever
     fails then."""
@@ -179,6 +183,10 @@ def _map(
             doubts = view.doubts
             with stages.stage("report"):
                 numbers = report_json(view)
+                if without is not None:
+                    numbers |= without.numbers(result.trajectory, known.truth)
+                    view = replace(view, verdict=without.verdict(view.verdict, numbers))
+                    numbers["verdict"] = view.verdict
                 _write_pages(partial, view)
     failed = tuple(failures)
     complete = not {"map", "report"} & {one.stage for one in failed}

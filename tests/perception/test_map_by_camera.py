@@ -48,7 +48,7 @@ def test_a_folder_of_images_is_mapped(room_images: tuple[Path, FloatArray], tmp_
     [
         ((), "CameraInfo"),
         (("--without", "sonar"), "--without lidar"),
-        (("--intrinsics", K, "--set", "slam.landmarks.surveyed=tags.yaml"), "for maps by lidar"),
+        (("--intrinsics", K, "--set", "slam.landmarks.surveyed=tags.yaml"), "needs scans"),
     ],
 )
 def test_what_cannot_be_is_told(

@@ -109,7 +109,7 @@ class _Cleaning:
         base_frame = recording.base_frame or base_frame
         moved, self.warnings = self.warnings, moved
         limit, told = survey.limit(times, odometry)
-        odd = survey.warnings(times, has_beam_times=recording.format != "carmen")
+        odd = survey.warnings(times, has_beam_times=raw.in_order and recording.format != "carmen")
         kept, stuck = survey.moving_on(times, odometry)
         self.warnings += [f"{raw.topic}: {words}" for words in (*odd, *stuck)] + moved
         taken_for = [f"{raw.topic}: {words}" for words in told]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from slamsim.config.run import RunConfig
@@ -10,6 +11,7 @@ from slamsim.guard.errors import OverrideRefused, SlamsimError, shown
 from slamsim.io.cameras import is_image_folder, open_cameras
 from slamsim.io.selection import EVERYTHING, Selection
 from slamsim.recording.cleaning.log import WithoutScans
+from slamsim.run.cameras.without_lidar import by_depth, depth_topics
 from slamsim.run.continuing import Earlier
 from slamsim.run.mapping import map_recording
 from slamsim.run.naming import log_of
@@ -31,12 +33,15 @@ def map_by_lidar_or_camera(
     overwrite: bool = False,
 ) -> Report:
     """``map_recording``; where there is no lidar, it sees nothing or is not to be used (without:
-    ``lidar``), ``map_by_camera``.
+    ``lidar``), the same with scans cut out of depth images, and where these cannot be,
+    ``map_by_camera``.
 
     Raises OverrideRefused for another word, and for what a map by camera cannot do; what
     ``map_recording`` raises where there are no images to map by.
     """
-    why = _unwanted(without, source)
+    named = () if _is_images(source) else depth_topics(log_of(source), wanted)
+    wanted = replace(wanted, scans=()) if named else wanted
+    why = _unwanted(without, source) or ("as asked" if named else "")
     if not why:
         try:
             return map_recording(
@@ -54,6 +59,23 @@ def map_by_lidar_or_camera(
                 raise
             why = "none was recorded" if isinstance(reason, WithoutScans) else "it sees nothing"
             reporter.note(f"{reason}; mapping by camera")
+    found = None
+    if not _is_images(source):
+        found = by_depth(log_of(source), wanted, named, intrinsics, why, config.slam, reporter)
+    if found is not None:
+        try:
+            return map_recording(
+                source,
+                config,
+                folder,
+                reporter,
+                relations=relations,
+                earlier=earlier,
+                without=found,
+                overwrite=overwrite,
+            )
+        except (WithoutScans, NothingSeen) as reason:
+            reporter.note(f"{reason}; following corners in the images")
     _require_nothing_of_lidars(config, earlier, relations)
     from slamsim.run.cameras.mapping import map_by_camera  # with what draws its report
 
@@ -83,7 +105,8 @@ def _require_nothing_of_lidars(
         ("slam.landmarks.surveyed", bool(config.slam.landmarks.surveyed)),
     ):
         if given:
-            raise OverrideRefused(option, "is for maps by lidar; leave it out")
+            reason = "needs scans, or depth images with odometry; leave it out"
+            raise OverrideRefused(option, reason)
 
 
 def _unwanted(without: str, source: Path) -> str:
@@ -91,9 +114,13 @@ def _unwanted(without: str, source: Path) -> str:
     if without not in ("", "lidar"):
         reason = "only the lidar can be left out: --without lidar"
         raise OverrideRefused(f"--without {shown(without)}", reason)
-    if source.is_dir() and is_image_folder(source):
+    if _is_images(source):
         return "there are images alone"
     return "as asked" if without else ""
+
+
+def _is_images(source: Path) -> bool:
+    return source.is_dir() and is_image_folder(source)
 
 
 def _has_images(source: Path, config: RunConfig, reporter: Reporter) -> bool:
@@ -104,6 +131,6 @@ def _has_images(source: Path, config: RunConfig, reporter: Reporter) -> bool:
             for topic, reason in cameras.unread.items():
                 reporter.warn(f"{topic}: cannot be read: {reason}")
             tags = bool(config.slam.landmarks.tags)
-            return bool(cameras.pictures() and (cameras.of_kind("depth") or tags))
+            return bool(cameras.of_kind("depth") or (tags and cameras.pictures()))
     except SlamsimError:
         return False

@@ -1,4 +1,4 @@
-"""``slamsim map`` without a lidar: by tags, depth images, wheels and gyroscope."""
+"""``slamsim map`` without scans: by tags, corners in images, wheels and gyroscope."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from slamsim.cameras.lens import CameraModel, camera_matrix
 from slamsim.config.run import RunConfig
 from slamsim.core.progress import Progress
 from slamsim.core.spatial import CameraTrack
-from slamsim.core.types import PlanarTrajectory
 from slamsim.guard.errors import InputRefused, SlamsimError
 from slamsim.guard.numbers import as_json
 from slamsim.guard.output import partial_folder, write_atomic
@@ -31,10 +30,11 @@ from slamsim.report.pages.cameras import write_camera_report
 from slamsim.run import folder as run_folder
 from slamsim.run.cameras.odometry import WITHIN_NS, registered
 from slamsim.run.cameras.telling import Robot, report_of, view_of
+from slamsim.run.cameras.without_lidar import lidar_path
 from slamsim.run.naming import log_of
 from slamsim.run.stages import Report, Stages
 from slamsim.simulation.own_files import write_config
-from slamsim.slam.session import odometry_of, run_slam
+from slamsim.slam.session import odometry_of
 from slamsim.slam.visual.camera_map import camera_map
 
 TUM_TRUTH = "groundtruth.txt"
@@ -80,7 +80,7 @@ def map_by_camera(
         odometry = None if robot.log is None else odometry_of(robot.log)
         motion = config.slam.front_end.motion
         found = camera_map(track, robot.T_base_camera, odometry, motion)
-    lidar = None if opened is None else _by_lidar(opened, config, stages)
+    lidar = None if opened is None else lidar_path(opened, config.slam, stages.reporter)
     report = report_of(source, track, found, robot, lidar, why)
     view = view_of(source, report, track, found, robot, lidar)
     with partial_folder(folder, overwrite) as partial:
@@ -155,14 +155,3 @@ def _images(cameras: Cameras, camera: _Camera) -> Iterator[Seen]:
         pairs = cameras.pairs(camera.depth, camera.picture, WITHIN_NS)
         return ((seen, near) for near, seen in pairs)
     return ((frame, None) for frame in cameras.frames((camera.picture,)))
-
-
-def _by_lidar(opened: OpenRecording, config: RunConfig, stages: Stages) -> PlanarTrajectory | None:
-    """The path that the lidar gives, to compare with; None where it gives none."""
-    if not opened.recording.scans:
-        return None
-    try:
-        with stages.stage("lidar", "scans/s") as progress:
-            return run_slam(opened.log(), config.slam, progress).trajectory
-    except SlamsimError:
-        return None
