@@ -145,7 +145,8 @@ class DepthBeams:
 def depth_beams(model: CameraModel, T_base_camera: FloatArray) -> DepthBeams | None:
     """How scans are cut out of the images of a camera; None where it looks up or down alone.
 
-    Of a camera that leans the band is as near to level as the middle of its image sees.
+    T_base_camera: (4, 4) of the optical frame. Of a camera that leans the band is as near to level
+    as the middle of its image sees.
     """
     v, u = (each.ravel() for each in np.mgrid[0 : model.height, 0 : model.width])
     rays_xy = rays_xy_at(model, np.column_stack([u, v]).astype(np.float32))

@@ -44,7 +44,7 @@ ALLOWED: Mapping[str, tuple[str, ...]] = {
     "sensors": ("cameras", *_DATA),
     "slam": ("process", *_DATA),
     "check": ("slam", "sim", "cameras", *_DATA),
-    "evaluate": ("sensors", "io", *_DATA),
+    "evaluate": ("sensors", "io", "process", *_DATA),
     "simulation": ("io", "sensors", "cameras", "sim", "world", *_DATA),
     "scenarios": (
         *("simulation", "check", "evaluate", "slam", "sensors", "sim", "io", "process"),
