@@ -41,6 +41,7 @@ MOST_PIXELS = 50
 """Of a beam, evenly spread: neighbours share their noise."""
 LEAST_KNOWN = 1.0 / 3.0
 """Of the pixels of a beam so many must have a depth."""
+LEAST_IMAGES = 2
 MOST_LEANING_RAD = np.radians(30.0)
 """What is seen so far from level is a floor or a ceiling soon."""
 
@@ -64,10 +65,11 @@ def with_depth_scans(
     K: (3, 3) in the place of what the recording claims.
 
     Raises NotFound without CameraInfo, InputRefused for a camera whose place is unknown or that
-    looks up or down alone, or an image that cannot be read.
+    looks up or down alone, or with fewer than two images that can be used.
     """
     recording = opened.recording
     stamps_ns, received_ns, rows = list[int](), list[int](), list[Float32Array]()
+    damaged = list[str]()
     with open_cameras(opened.path) as cameras:
         about = cameras.topics[topic]
         given = None if K is None else CameraModel(about.width, about.height, K)
@@ -81,10 +83,19 @@ def with_depth_scans(
         if beams is None:
             raise InputRefused(opened.path, "looks up or down alone", f"topic {topic}")
         for number, image in enumerate(cameras.encoded({topic}), 1):
-            rows.append(beams.ranges_m(image.decoded().pixels))
+            progress(number, about.messages)
+            try:
+                rows.append(beams.ranges_m(image.decoded().pixels))
+            except InputRefused as refusal:
+                damaged.append(refusal.reason)
+                continue
             stamps_ns.append(image.stamp_ns)
             received_ns.append(image.received_ns)
-            progress(number, about.messages)
+    told = f"{len(damaged):,} of {about.messages:,} images cannot be used" if damaged else ""
+    told += f" ({damaged[0]})" if damaged else ""
+    if len(rows) < LEAST_IMAGES:
+        reason = told or f"{len(rows)} images; {LEAST_IMAGES} are needed"
+        raise InputRefused(opened.path, reason, f"topic {topic}")
     scans = RawScans(
         topic=topic,
         frame_ids=(f"{frame}_level",),
@@ -106,6 +117,7 @@ def with_depth_scans(
         recording,
         streams=(scans, *recording.streams),
         transforms=(*recording.transforms, level),
+        anomalies=(*recording.anomalies, *([f"{topic}: {told}"] if told else ())),
     )
     alone = selected(changed, Selection(scans=(topic,)), opened.path)
     return replace(opened, contents=replace(opened.contents, recording=alone))

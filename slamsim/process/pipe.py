@@ -28,11 +28,15 @@ def packed(message: object) -> bytes:
 
 
 def read_message(stream: IO[bytes]) -> object:
-    """The next message of a blocking stream; raises EOFError at its end."""
+    """The next message of a blocking stream; raises EOFError at its end, be it within a message."""
     head = stream.read(_LENGTH.size)
     if len(head) < _LENGTH.size:
         raise EOFError
-    return pickle.loads(stream.read(_LENGTH.unpack(head)[0]))
+    size = _LENGTH.unpack(head)[0]
+    body = stream.read(size)
+    if len(body) < size:
+        raise EOFError
+    return pickle.loads(body)
 
 
 def journal_messages(descriptor: int, end: int) -> Iterator[object]:

@@ -327,3 +327,49 @@ def test_a_robot_that_turns_at_one_rate_is_no_rounded_one() -> None:
     made = recording().with_streams(RawOdometry, (odometry,))
     (found,) = check_rounding(RecordingEvidence(made))
     assert found.verdict == "ok"
+
+
+@pytest.mark.parametrize(
+    ("seed", "most_m_s2", "most_rad_s2", "stopped_s"),
+    [(0, 0.3, 0.5, 0.0), (10, 0.3, 0.5, 0.0), (0, 1.0, 2.0, 4.0), (1, 1.0, 2.0, 4.0)],
+)
+def test_a_twist_that_is_the_command_is_none(
+    seed: int, most_m_s2: float, most_rad_s2: float, stopped_s: float
+) -> None:
+    """Of a robot that is slow to do as it is told, or was stopped once."""
+    rng, rate_hz = np.random.default_rng(seed), 50
+    count = 300 * rate_hz
+    speed, turn = np.zeros(count), np.zeros(count)
+    begin = 0
+    while begin < count:
+        end = begin + int(rate_hz * rng.uniform(1.0, 6.0))
+        is_straight = rng.random() < 0.4
+        speed[begin:end] = rng.choice([0.0, 0.2, 0.4, 0.5])
+        turn[begin:end] = 0.0 if is_straight else rng.uniform(-1.0, 1.0)
+        begin = end
+    moved, turned = followed(speed, most_m_s2 / rate_hz), followed(turn, most_rad_s2 / rate_hz)
+    if stopped_s:
+        driving = np.flatnonzero(speed[50 * rate_hz : 250 * rate_hz] >= 0.4) + 50 * rate_hz
+        first = int(rng.choice(driving))
+        for does in (moved, turned):
+            does[first : first + int(stopped_s * rate_hz)] = 0.0
+    yaw = np.cumsum(turned) / rate_hz
+    x_m, y_m = (np.cumsum(moved * along(yaw)) / rate_hz for along in (np.cos, np.sin))
+    none = np.zeros(count)
+    made = replace(
+        odometry_at(100 * 10**9 + np.arange(count) * (10**9 // rate_hz)),
+        positions_m=np.column_stack([x_m, y_m, none]),
+        quats_xyzw=xyzw_from_yaw(yaw),
+        linear_m_s=np.column_stack([speed, none, none]),
+        angular_rad_s=np.column_stack([none, none, turn]),
+    )
+    assert twist_of(robot().with_streams(RawOdometry, (made,))).fault is None
+
+
+def followed(wanted: FloatArray, most: float) -> FloatArray:
+    """(n,) what changes by so much in each step at the most."""
+    found, now = np.zeros_like(wanted), 0.0
+    for number, one in enumerate(wanted):
+        now += float(np.clip(one - now, -most, most))
+        found[number] = now
+    return found

@@ -117,5 +117,10 @@ def test_a_drive_is_mapped_by_depth_as_by_a_lidar(tmp_path: Path) -> None:
     assert told[0]["verdict"].startswith("Mapped by depth images, without lidar (as asked).")
     written = {path.name for path in (tmp_path / "out").iterdir()}
     assert {"map.pgm", "map.yaml", "run.rrd", "obstacles.pgm", "report.html"} <= written
-    done = typed("map", "drive", "--scan-topic", TOPIC[:-1], "-o", "no", cwd=tmp_path)
-    assert done.returncode == 2 and "has no such topic" in done.stderr
+    for wrong, reason in (
+        (("--scan-topic", TOPIC[:-1]), "has no such topic"),
+        (("--scan-topic", TOPIC, "--scan-topic", "/scan"), "are mapped alone"),
+    ):
+        done = typed("map", "drive", *wrong, "-o", "no", cwd=tmp_path)
+        assert done.returncode == 2 and reason in done.stderr
+        assert not (tmp_path / "no").exists()

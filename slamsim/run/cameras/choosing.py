@@ -40,6 +40,8 @@ def map_by_lidar_or_camera(
     ``map_recording`` raises where there are no images to map by.
     """
     named = () if _is_images(source) else depth_topics(log_of(source), wanted)
+    if named and len(wanted.scans) > 1:
+        raise OverrideRefused("--scan-topic", f"depth images are mapped alone: {named[0]}")
     wanted = replace(wanted, scans=()) if named else wanted
     why = _unwanted(without, source) or ("as asked" if named else "")
     if not why:

@@ -16,8 +16,7 @@ from slamsim.io.cameras import open_cameras
 from slamsim.io.open import OpenRecording, open_recording
 from slamsim.io.selection import Selection
 from slamsim.perception.depth_scans import widest_depth, with_depth_scans
-from slamsim.recording.cleaning.log import clean_motion
-from slamsim.slam.session import odometry_of, run_slam
+from slamsim.slam.session import run_slam
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,13 +59,12 @@ def by_depth(
     no odometry, without which a camera follows the corners in its images better. Why a depth
     camera cannot be used is told.
 
-    topics: of depth images, the first is used; empty for the best. intrinsics: as for
-    ``camera_matrix``. Raises as ``open_recording``.
+    topics: of depth images, as asked, the first is used; empty for the best. intrinsics: as for
+    ``camera_matrix``. Raises as ``open_recording``, and for a topic as asked InputRefused or
+    NotFound where it cannot be used.
     """
     K = camera_matrix(intrinsics) if intrinsics else None
     opened = open_recording(path, wanted)
-    if odometry_of(clean_motion(opened.recording, path)) is None:
-        return None
     try:
         with open_cameras(path) as cameras:
             topic = topics[0] if topics else widest_depth(cameras)
@@ -74,8 +72,14 @@ def by_depth(
             return None
         with reporter.stage("images", "images/s") as progress:
             cut = with_depth_scans(opened, topic, K, progress)
+        log = cut.log()
     except (InputRefused, NotFound) as reason:
+        if topics:
+            raise
         reporter.note(f"{reason}; no scans are cut out of depth images")
+        return None
+    if log.odometry is None and log.encoders is None:
+        reporter.note("nothing tells how wheels moved; no scans are cut out of depth images")
         return None
     return WithoutLidar(cut, why, lidar_path(opened, config, reporter))
 

@@ -42,9 +42,12 @@ early, no stretch is told; of 69 stretches of a fifth of a drive, with turn rate
 times as large, 61, 60 and 61 are: in the others the robot hardly turns."""
 LEAST_IN_STRETCH = (0.5, 1.0)
 """Path, m, and turn, rad, without which a stretch says nothing."""
-LEFT_OUT = 3
+LEFT_OUT = 12
 """Steps of a stretch, those that are most off, without which it must be off too: poses that jump
-are another fault."""
+are another fault, and a twist that is the command says for 3 s that a robot drives which was
+stopped."""
+MOST_ALIKE = 0.95
+"""Correlation of what is left in neighbouring steps: a stretch has 40."""
 
 TWIST = Question(
     "odometry.twist",
@@ -231,13 +234,19 @@ def _too_large(known: FloatArray, said: FloatArray) -> Measurement:
 
 
 def _fitted(off: FloatArray, *parts: FloatArray) -> tuple[float, float]:
-    """How much of the first part (n,) what is off holds, and its standard deviation."""
+    """How much of the first part (n,) what is off holds, and its standard deviation.
+
+    What is left goes on from step to step, as of a robot that takes seconds to do what it is told:
+    so many steps tell less than as many independent ones (a process of first order).
+    """
     columns = np.column_stack([*parts, np.ones(len(off))])
     solve = np.linalg.pinv(columns)
     found = solve @ off
     left = off - columns @ found
-    scatter = np.sqrt(np.square(left).sum() / (len(off) - len(found)))
-    return float(found[0]), float(scatter * np.linalg.norm(solve[0]))
+    squares = float(left @ left)
+    alike = float(np.clip(left[1:] @ left[:-1] / max(squares, 1e-18), 0.0, MOST_ALIKE))
+    variance = squares / (len(off) - len(found)) * (1.0 + alike) / (1.0 - alike)
+    return float(found[0]), float(np.sqrt(variance) * np.linalg.norm(solve[0]))
 
 
 def _leaps(times_s: FloatArray, track: FloatArray, speeds: FloatArray) -> float:
