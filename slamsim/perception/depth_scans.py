@@ -21,8 +21,8 @@ from slamsim.io.cameras.base import Cameras, CameraTopic
 from slamsim.io.open import OpenRecording
 from slamsim.io.selection import Selection, selected
 from slamsim.perception.corners import rays_xy_at
+from slamsim.perception.recorded import mount_of
 from slamsim.recording import RawScans, ScanLayout, TransformEdge
-from slamsim.recording.frames import base_frame_of, known_mounting, tree_of
 
 MOST_DEPTH_M = 4.0
 """Farther away one depth of a D435 is off by more than a cell of a map, 0.05 m (0.003 / m times
@@ -74,12 +74,9 @@ def with_depth_scans(
         about = cameras.topics[topic]
         given = None if K is None else CameraModel(about.width, about.height, K)
         model = given or cameras.model(topic)
-        base, frame = base_frame_of(recording), about.frame_id
-        known = known_mounting(tree_of(recording.transforms), base, frame)
-        if known is None:
-            reason = f"no fixed transform leads from {base!r} to its frame {frame!r}"
-            raise InputRefused(opened.path, reason, f"topic {topic}")
-        beams = depth_beams(model, known[0])
+        frame = about.frame_id
+        T_base_camera = mount_of(opened.path, topic, frame, recording)
+        beams = depth_beams(model, T_base_camera)
         if beams is None:
             raise InputRefused(opened.path, "looks up or down alone", f"topic {topic}")
         for number, image in enumerate(cameras.encoded({topic}), 1):
@@ -111,7 +108,7 @@ def with_depth_scans(
     level = TransformEdge(
         *("/tf_static", frame, f"{frame}_level", True, at_ns, at_ns),
         positions_m=np.zeros((1, 3)),
-        quats_xyzw=xyzw_from_matrix(known[0][:3, :3].T)[None],
+        quats_xyzw=xyzw_from_matrix(T_base_camera[:3, :3].T)[None],
     )
     changed = replace(
         recording,

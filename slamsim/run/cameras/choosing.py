@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from slamsim.config.run import RunConfig
@@ -44,18 +45,19 @@ def map_by_lidar_or_camera(
         raise OverrideRefused("--scan-topic", f"depth images are mapped alone: {named[0]}")
     wanted = replace(wanted, scans=()) if named else wanted
     why = _unwanted(without, source) or ("as asked" if named else "")
+    mapped = partial(
+        map_recording,
+        source,
+        config,
+        folder,
+        reporter,
+        relations=relations,
+        earlier=earlier,
+        overwrite=overwrite,
+    )
     if not why:
         try:
-            return map_recording(
-                source,
-                config,
-                folder,
-                reporter,
-                relations=relations,
-                wanted=wanted,
-                earlier=earlier,
-                overwrite=overwrite,
-            )
+            return mapped(wanted=wanted)
         except (WithoutScans, NothingSeen) as reason:
             if not _has_images(source, config, reporter):
                 raise
@@ -66,16 +68,7 @@ def map_by_lidar_or_camera(
         found = by_depth(log_of(source), wanted, named, intrinsics, why, config.slam, reporter)
     if found is not None:
         try:
-            return map_recording(
-                source,
-                config,
-                folder,
-                reporter,
-                relations=relations,
-                earlier=earlier,
-                without=found,
-                overwrite=overwrite,
-            )
+            return mapped(without=found)
         except (WithoutScans, NothingSeen) as reason:
             reporter.note(f"{reason}; following corners in the images")
     _require_nothing_of_lidars(config, earlier, relations)
