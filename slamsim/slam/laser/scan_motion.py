@@ -275,12 +275,13 @@ def _unmodelled(
     windows: tuple[list[LaserTrack], list[WindowFit]],
 ) -> FloatArray:
     """(3,) standard deviation of the numbers of a shape beyond what noise makes, and of the sweep
-    what noise of the velocities adds, as lines add to poses."""
-    sigma_s, left = float(pull.sigmas()[0]), 1.0 - MADE_UP_TIMES * made_up_sweep(*windows)
+    what noise of the velocities adds, as lines add to poses, and by how much it is too short."""
+    sigma_s, share = float(pull.sigmas()[0]), made_up_sweep(*windows)
+    left = 1.0 - MADE_UP_TIMES * share
     by_velocities = np.sqrt(1.0 / max(left, LEAST_LEFT) - 1.0) * sigma_s if left < 1.0 else 0.0
     return np.array(
         [
-            np.hypot(UNMODELLED_SWEEP * shape.sweep_s, by_velocities),
+            np.hypot(np.hypot(UNMODELLED_SWEEP, share) * shape.sweep_s, by_velocities),
             UNMODELLED_ANGLE + ANGLE_BY_ROUNDING_PER_M * reader.rounding_m,
             UNMODELLED_M + OFFSET_BY_ROUNDING * reader.rounding_m,
         ]
