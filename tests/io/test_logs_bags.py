@@ -238,6 +238,14 @@ def test_scans_that_describe_no_lidar_are_left_out_and_odd_ones_told(tmp_path: P
     assert _told(log, "time_increment is 0")
 
 
+def test_beams_that_fired_before_the_stamp_are_read_and_told(tmp_path: Path) -> None:
+    scans = [ROBOT2.scan(START_NS + 10**8 * k, [1.0] * 5, time_increment=-0.01) for k in (2, 3)]
+    messages = [("/scan", START_NS + k, scan) for k, scan in enumerate(scans)]
+    log = _read(tmp_path, [*ROBOT2.drive(), *messages], "/scan")
+    assert [scan.geometry.duration_ns for scan in log.scans] == [-40_000_000] * 2
+    assert _told(log, "time_increment is negative")
+
+
 def test_missing_mounting_is_told(tmp_path: Path) -> None:
     messages = [message for message in ROBOT2.drive() if message[0] != "/tf_static"]
     log = _read(tmp_path, messages)

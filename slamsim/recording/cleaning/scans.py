@@ -161,7 +161,7 @@ class _Geometries:
         sound = all(map(math.isfinite, (layout.angle_min_rad, step_rad, beam_dt_s)))
         if not sound or step_rad == 0.0 or ranges_m.size == 0:
             return None
-        if not (layout.range_max_m > range_min_m and 0.0 <= beam_dt_s < 1.0):
+        if not (layout.range_max_m > range_min_m and abs(beam_dt_s) < 1.0):
             return None
         if abs(step_rad) * (ranges_m.size - 1) > 2.0 * math.pi + abs(step_rad):
             return None
@@ -216,7 +216,7 @@ class ScanSurvey:
         self._declared_m: Counter[float] = Counter()
         self._beam_counts: set[int] = set()
         self._odd_angle_max = 0
-        self._instantaneous = True
+        self._instantaneous, self._backward = True, False
         geometries = _Geometries(raw)
         rows, is_same, is_repeat = list[int](), list[bool](), list[bool]()
         before: tuple[ScanGeometry, bytes] | None = None
@@ -245,6 +245,7 @@ class ScanSurvey:
         off_rad = abs(layout.angle_max_rad - geometry.angle_min_rad - spanned_rad)
         self._odd_angle_max += not off_rad < 0.5 * abs(geometry.angle_step_rad)
         self._instantaneous &= geometry.beam_dt_ns == 0
+        self._backward |= geometry.beam_dt_ns < 0
 
     def moving_on(
         self, times: Times, odometry: PlanarTrajectory | None
@@ -308,6 +309,11 @@ class ScanSurvey:
                 has_beam_times and self._instantaneous,
                 "time_increment is 0: all beams of a scan count as one instant, until scans show "
                 "how long a sweep takes",
+            ),
+            (
+                self._backward,
+                "time_increment is negative: the last beam of a scan counts as fired first, the "
+                "first one at the stamp, unless scans show otherwise",
             ),
             (without, f"{without} scans declare no range_max"),
         ]
