@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from slamsim.core.geometry import rotation, se2_from_se3
+from slamsim.core.geometry import rotation, se2_from_se3, wrap_angle
 from slamsim.core.result import Calibrated
 from slamsim.core.types import (
     BoolArray,
@@ -29,7 +29,7 @@ NAMES = (
     "laser_yaw_rad",
 )
 ANGLE_SCALE, RANGE_OFFSET, SWEEP = range(3)
-SHAPE, MOUNT = slice(0, 3), slice(3, 6)
+SHAPE, MOUNT, YAW = slice(0, 3), slice(3, 6), 5
 PRIOR_SIGMAS = np.array([0.005, 0.03, 0.025, 0.05, 0.05, np.deg2rad(2.0)])
 """What is to be expected of a laser before it was looked at: step between beams confused with that
 of one beam more or less; +-30 mm of Hokuyo and SICK; beam times left out; a mount by tape."""
@@ -75,6 +75,19 @@ class LaserCalibration:
         """(6,) found where corrected, else declared."""
         return np.where(self.corrected, self.values, self.declared)
 
+    @property
+    def backward(self) -> bool:
+        """Whether the last beam fired first, although nothing declares it. The stamp is then that
+        of the last beam: a driver that turns an array round (a clockwise lidar's, to make it
+        counter-clockwise) stamps the begin of the sweep."""
+        return bool(self.used[SWEEP] < 0.0 <= self.declared[SWEEP])
+
+    @property
+    def later_ns(self) -> int:
+        """By how much the middle beam fired later than declared."""
+        sweep_s = abs(self.used[SWEEP]) if self.backward else self.used[SWEEP]
+        return round(0.5e9 * float(sweep_s - self.declared[SWEEP]))
+
     def applied(self, log: Log) -> Log:
         """The log as its lidars really recorded it, with a warning for each number corrected."""
         if not any(one.corrected.any() for one in (self, *self.beside.values())):
@@ -100,10 +113,11 @@ class LaserCalibration:
 
     def calibrated(self) -> dict[str, Calibrated]:
         """Every number that the recording tells anything of, under its name with its unit."""
+        values = np.append(self.values[:YAW], wrap_angle(self.values[YAW]))
         return {
             name: Calibrated(float(value), float(sigma), bool(sigma < OBSERVED_SHARE * before))
             for name, value, sigma, before in zip(
-                NAMES, self.values, self.sigmas, PRIOR_SIGMAS, strict=True
+                NAMES, values, self.sigmas, PRIOR_SIGMAS, strict=True
             )
             if np.isfinite(sigma)
         }
@@ -115,6 +129,9 @@ class LaserCalibration:
         for n in np.flatnonzero(self.corrected):
             sentence, more, less = _WORDS[n]
             interval = as_interval(abs(float(size[n])), float(doubt[n]))
+            if n == SWEEP and self.backward:
+                sentence = "the last beam fires first, the first one {} ms later"
+                interval = as_interval(-float(self.used[n] * _UNITS[n]), float(doubt[n]))
             told.append(sentence.format(interval, more if size[n] > 0.0 else less) + "; corrected")
         return told
 
@@ -164,10 +181,11 @@ class _CorrectedShape:
         used = lidar.used
         self._scale, self._offset_m = float(used[ANGLE_SCALE]), float(used[RANGE_OFFSET])
         self._longer_s = float(used[SWEEP] - lidar.declared[SWEEP])
+        self._backward = lidar.backward
         self._geometries: dict[ScanGeometry, ScanGeometry] = {}
 
     def corrected(self, scan: Scan) -> Scan:
-        """As the lidar really took it."""
+        """As the lidar really took it, its beams in the order of their firing."""
         geometry = self._geometries.get(scan.geometry)
         if geometry is None:
             geometry = self._geometries[scan.geometry] = self._of(scan.geometry)
@@ -175,18 +193,27 @@ class _CorrectedShape:
         if self._offset_m != 0.0:
             ranges_m = ranges_m - np.float32(self._offset_m)
             ranges_m = np.where(ranges_m > 0.0, ranges_m, np.float32(np.nan))
-        return replace(scan, ranges_m=ranges_m, geometry=geometry)
+        if not self._backward:
+            return replace(scan, ranges_m=ranges_m, geometry=geometry)
+        intensities = None if scan.intensities is None else scan.intensities[::-1]
+        ranges_m = np.ascontiguousarray(ranges_m[::-1])
+        return replace(scan, ranges_m=ranges_m, geometry=geometry, intensities=intensities)
 
     def _of(self, geometry: ScanGeometry) -> ScanGeometry:
-        """Angles about the middle beam, limits moved with the ranges; beam 0 keeps its stamp."""
+        """Angles about the middle beam, limits moved with the ranges; the beam that fires first
+        has the stamp, unless it is declared that it has not."""
         step_rad = geometry.angle_step_rad * self._scale
         intervals = geometry.beam_count - 1
-        wider_rad = intervals * (step_rad - geometry.angle_step_rad)
+        first_rad = geometry.angle_min_rad - 0.5 * intervals * (step_rad - geometry.angle_step_rad)
+        beam_dt_ns = geometry.beam_dt_ns + round(1e9 * self._longer_s / max(intervals, 1))
+        if self._backward:
+            first_rad, step_rad = first_rad + intervals * step_rad, -step_rad
+            beam_dt_ns = -beam_dt_ns
         return replace(
             geometry,
-            angle_min_rad=geometry.angle_min_rad - 0.5 * wider_rad,
+            angle_min_rad=first_rad,
             angle_step_rad=step_rad,
-            beam_dt_ns=geometry.beam_dt_ns + round(1e9 * self._longer_s / max(intervals, 1)),
+            beam_dt_ns=beam_dt_ns,
             range_min_m=max(geometry.range_min_m - self._offset_m, 0.0),
             range_max_m=geometry.range_max_m - self._offset_m,
         )

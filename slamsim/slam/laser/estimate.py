@@ -115,9 +115,8 @@ def _calibrated(
             motions = without_noise_bias(scans, looked_at, motions)
             found = _with_shape(unknown, motions)
         if odometry is not None and _declares_mount(T_base_laser):
-            later_ns = round(0.5e9 * float((found.used - found.declared)[SWEEP]))
             seen = _from_above(motions.windows, upside_down=T_base_laser[2, 2] < 0.0)
-            mount = find_mount(seen, later_ns, odometry, found.declared[MOUNT], config)
+            mount = find_mount(seen, found.later_ns, odometry, found.declared[MOUNT], config)
             found = _with_mount(found, mount, by_counters=lidar.by_counters)
         if not _doubtful(found) or len(some) == len(windows):
             break

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.config.slam import MotionConfig
-from slamsim.core.geometry import adjoint, between, compose, inverse
+from slamsim.core.geometry import adjoint, between, compose, inverse, wrap_angle
 from slamsim.core.types import FloatArray
 from slamsim.models.wheel_gyro import PARAMETERS
 from slamsim.slam.calibration.online import PRIOR_SIGMAS, Evidence, evidence, step_covariance
@@ -48,6 +48,11 @@ MOUNT_STEP = 1e-4
 rounding there."""
 ROUNDING = 1e-12
 """Variance added so that noiseless odometry can be inverted: a micrometre."""
+TURNED_RAD, TURNED_SHARE = np.deg2rad(20.0), 0.9
+"""A laser that looks so far elsewhere, ten prior sigmas, is no error by eye: its frame is that of
+another one, most often turned by 180 degrees. Believed if its steps keep their direction to the
+odometry's: of all lengths so much is left when they are added, which steps that scatter by 25
+degrees leave."""
 LEAST_STRETCHES = 12
 LEAST_WINDOWS = 3
 
@@ -92,7 +97,8 @@ def find_mount(
     sigmas = np.concatenate(
         [PRIOR_SIGMAS, [PLACE_SIGMA_M, PLACE_SIGMA_M, YAW_SIGMA_RAD, DELAY_SIGMA_S]]
     )
-    start = np.concatenate([np.zeros(PARAMETERS), T_base_laser, [0.0]])
+    begin = np.append(T_base_laser[:2], _rough_yaw_rad(found, float(T_base_laser[2])))
+    start = np.concatenate([np.zeros(PARAMETERS), begin, [0.0]])
     noise, prior, values = OdometryNoise(config), np.diag(1.0 / np.square(sigmas)), start.copy()
     for _ in range(ROUNDS):
         weighted = _weighted(found, values, noise)
@@ -109,6 +115,17 @@ def find_mount(
     robust = np.diag(covariance @ meat @ covariance)
     variance = np.maximum(robust, np.diag(covariance))[MOUNT] + np.square(UNMODELLED)
     return Mount(values[MOUNT] - T_base_laser, np.sqrt(variance), len(spread))
+
+
+def _rough_yaw_rad(found: _Stretches, declared_rad: float) -> float:
+    """Where the laser looks by the direction of its steps against the base's if that is far from
+    the declared one, from which the least squares would not come there; else as declared."""
+    base, laser = np.array([step.T_first_last for step in found.steps]), found.T_laser
+    ways = [(one[:, 0] + 1j * one[:, 1]) * np.exp(-0.5j * one[:, 2]) for one in (base, laser)]
+    both = ways[0] * np.conj(ways[1])
+    kept = abs(both.sum()) > TURNED_SHARE * np.abs(both).sum()
+    off_rad = float(wrap_angle(np.angle(both.sum()) - declared_rad))
+    return declared_rad + off_rad if kept and abs(off_rad) > TURNED_RAD else declared_rad
 
 
 def _stretches(windows: Sequence[BundledWindow], later_ns: int, odometry: Odometry) -> _Stretches:
