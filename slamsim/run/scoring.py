@@ -150,8 +150,11 @@ def positions_95_m(graph: PoseGraph, told: BoolArray) -> FloatArray:
     """(k,) within which the position of each key frame in the map is, with 95 % each.
 
     told: (n,) of which key frames. Where nothing joins parts of the map, nothing is known of how
-    they lie to each other: those of the first part count, relative to where it began.
+    they lie to each other: those of the first part count, relative to where it began. A single one
+    is where the map begins, and tells nothing of the path.
     """
+    if len(graph.keyframes) < 2:
+        return np.zeros(0)
     ends = [(e.source, e.target) for e in graph.edges if e.weight > 0.0 and not is_elsewhere(e)]
     part = components(np.array(ends, dtype=np.int64).reshape(-1, 2), len(graph.keyframes))
     here = part == part[:1]

@@ -21,7 +21,8 @@ from slamsim.cli.main import app
 from slamsim.config.loading import load_run_config, with_drive_seed
 from slamsim.console.reporter import Reporter
 from slamsim.core.geometry import between
-from slamsim.core.result import Event, GraphEdge
+from slamsim.core.result import Event, GraphEdge, PoseGraph
+from slamsim.core.types import PlanarTrajectory
 from slamsim.core.weighing import BY_WEIGHT, all_weighed, by_weight, weighed
 from slamsim.io.text.tum import read_tum
 from slamsim.recording.frames import laser_mounting_of, tree_of
@@ -111,6 +112,14 @@ def test_scans_that_fitted_nowhere_are_no_doubt_where_a_loop_that_passes_over_th
 
     assert "A whole map" in told((10, 15))
     assert "scans fitted nowhere" in told((11, 20)) and "scans fitted nowhere" in told()
+
+
+def test_a_map_of_one_key_frame_tells_nothing_of_how_sure_the_path_is() -> None:
+    result = replace(example_run().result, events=())
+    graph = result.graph
+    first = PlanarTrajectory(graph.keyframes.stamps_ns[:1], graph.keyframes.poses[:1])
+    alone = PoseGraph(keyframes=first, edges=(), covariances=np.zeros((1, 3, 3)))
+    assert "sure within" not in verdict(replace(result, graph=alone), 10.0, None)
 
 
 def test_how_sure_parts_are_that_nothing_joins_is_told_of_the_first() -> None:

@@ -43,8 +43,9 @@ CONVERGED_STEP = 1e-5
 below any error of a scan."""
 FLOOR_M = 1e-5
 FLOOR_RAD = 1e-5
-"""Least standard deviation of a step of the odometry: a standing robot would otherwise give a
-singular covariance."""
+"""Least standard deviation of a step of the odometry, whatever is learnt of its noise: a standing
+robot would otherwise give a singular covariance, and one that hardly any scan holds against it a
+covariance of rounding."""
 ARM_M = 0.1
 CREEP_M_S = 0.01
 """What counts as path beside the way of the base: a turn, as that of a point so far from the axle
@@ -109,14 +110,13 @@ class Smoothed:
 def smooth(chain: Chain) -> Smoothed:
     """The most likely track given all matches and the odometry between them."""
     offsets, ranks = _offsets(chain.information, chain.pull)
-    noise = chain.noise + np.diag(np.square([FLOOR_M, FLOOR_M, FLOOR_RAD]))
-    scales = np.append(1.0, _first_scales(compose(chain.track.poses, offsets), chain.steps, noise))
+    claimed, matched = _scaled(chain.noise, np.ones(3)), compose(chain.track.poses, offsets)
+    scales = np.append(1.0, _first_scales(matched, chain.steps, claimed))
     measured = (chain.track.poses, chain.information, offsets, ranks)
     poses, covariances = chain.track.poses.copy(), np.zeros((len(chain.track), 3, 3))
     for number in range(MAX_ROUNDS):
         freedom = max(FREEDOM, WIDE_FREEDOM / NARROWING**number)
-        root = np.sqrt(scales[1:])
-        believed = np.linalg.inv(noise * np.outer(root, root))
+        believed = np.asarray(np.linalg.inv(_scaled(chain.noise, scales[1:])), dtype=np.float64)
         odometry = (chain.steps, believed)
         moves, learnt = newton_round(poses, measured, odometry, (scales[0], freedom), covariances)
         poses = compose(poses, moves)
@@ -130,7 +130,7 @@ def smooth(chain: Chain) -> Smoothed:
         if change < CONVERGED_LOG and np.abs(moves).max() < CONVERGED_STEP:
             break
     track = PlanarTrajectory(chain.track.stamps_ns, poses)
-    drift = _drift(poses, chain.steps, noise * np.outer(*[np.sqrt(scales[1:])] * 2))
+    drift = _drift(poses, chain.steps, _scaled(chain.noise, scales[1:]))
     return Smoothed(track, covariances, drift, float(scales[0]), scales[1:])
 
 
@@ -148,6 +148,12 @@ def odometry_steps(odometry: PlanarTrajectory) -> tuple[FloatArray, FloatArray]:
     turning_s = np.where(steps[:, 2] != 0.0, seconds, 0.0)
     noise[:, 2, 2] = work_m * WALK_RAD_PER_SQRT_M**2 + turning_s * WALK_RAD_PER_SQRT_S**2
     return steps, noise
+
+
+def _scaled(noise: FloatArray, scales: FloatArray) -> FloatArray:
+    """(n - 1, 3, 3) covariance of the steps by the size of their noise in each direction."""
+    root, floor = np.sqrt(scales), np.diag(np.square([FLOOR_M, FLOOR_M, FLOOR_RAD]))
+    return np.asarray(noise * np.outer(root, root) + floor)
 
 
 def _drift(poses: FloatArray, steps: FloatArray, noise: FloatArray) -> FloatArray:
