@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -39,6 +40,7 @@ from slamsim.recording import (
     RecordingFormat,
 )
 from slamsim.recording.repairs.apply import apply_repairs
+from slamsim.slam.laser.scan_scale import rough_angle_scale
 
 STEP = LIDAR.angle_step_rad
 BEAM_DT_S = LIDAR.beam_dt_ns * 1e-9
@@ -167,6 +169,38 @@ def test_noise_that_bends_the_scans_of_few_beams_is_no_wrong_angle() -> None:
     angle = motions.angle_step
     assert decide(Measurement(angle.value, angle.sigma, ""), ANGLE_LIMIT, 1.0) != "fault"
     assert abs(angle.value - 1.0) < 2.0 * angle.sigma < 0.02
+
+
+@pytest.mark.long
+def test_what_noise_makes_of_wrong_angles_is_seen_about_the_angles_that_were_found(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Noise upon every second beam of a scanner hid that scans fit with angles twice as wide, and
+    this was taken for what noise shifts them by: 3.8 +- 0.9 for 2."""
+    looks = list[float]()
+
+    def hidden_by_noise(*args: Any) -> float:
+        looks.append(1.0 if looks else rough_angle_scale(*args))
+        return looks[-1]
+
+    monkeypatch.setattr("slamsim.slam.laser.scan_motion.rough_angle_scale", hidden_by_noise)
+    half = 0.4 * STEP * (LIDAR.beam_count - 1)
+    motions = laser_motions(
+        with_layout(healthy(), angle_step_rad=0.8 * STEP, angle_min_rad=-half, angle_max_rad=half)
+    )
+    assert motions is not None and abs(looks[0] - 1.25) < 0.1
+    angle = motions.angle_step
+    assert abs(angle.value - 1.25) < 3.0 * angle.sigma < 0.01
+
+
+def test_where_the_sweep_is_by_the_scans_their_instant_is_half_as_unsure() -> None:
+    """A sweep of 2.5 +- 0.24 of the declared 25 ms made stamps 6.0 +- 0.15 ms late."""
+    motions = laser_motions(healthy())
+    assert motions is not None
+    unsure = replace(motions, sweep_s=replace(motions.sweep_s, sigma=0.006))
+    by_scans = replace(unsure, contradicted=np.array([True, False, False]))
+    assert gather_inputs(healthy(), unsure).instant_sigma_s == 0.0
+    assert gather_inputs(healthy(), by_scans).instant_sigma_s == pytest.approx(0.003)
 
 
 @pytest.mark.parametrize(("noise_m", "sigma_mm"), [(0.0, 1.0), (0.025, 3.0)])

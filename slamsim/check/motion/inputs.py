@@ -12,7 +12,7 @@ from slamsim.check.motion.integrated import (
     integrated_odometry,
     integrated_wheels,
 )
-from slamsim.check.motion.laser_steps import LaserSteps, laser_steps
+from slamsim.check.motion.laser_steps import LaserSteps, laser_steps, middle_sigma_s
 from slamsim.core.geometry import se2_from_se3
 from slamsim.core.types import FloatArray, IntArray
 from slamsim.guard.numbers import is_sound
@@ -36,7 +36,7 @@ class Inputs:
     steps: as seen from above. T_base_laser: (3,) x, y, yaw as declared, None if nothing does;
     upside_down: whether it is declared so. even_stamps: whether the scans' stamps keep a constant
     rate. together: whether odometry comes in the scans' messages. instant_sigma_s: how unsure it is
-    when a scan was seen of which the order of the beams is lost.
+    when a scan was seen of which the order of the beams is lost, or the sweep is wrong.
     """
 
     steps: LaserSteps
@@ -80,7 +80,11 @@ def gather_inputs(recording: Recording, motions: ScanMotions | None) -> Inputs:
         upside_down=upside_down,
         even_stamps=all(_even(scans.stamps_ns) for scans in compared),
         together=not alone,
-        instant_sigma_s=max(map(_instant_sigma_s, compared), default=0.0),
+        instant_sigma_s=max(
+            *map(_instant_sigma_s, compared),
+            0.0 if motions is None else middle_sigma_s(motions),
+            0.0,
+        ),
     )
 
 

@@ -111,6 +111,13 @@ def _true_sweep_s(motions: ScanMotions) -> float:
     return 0.0 if found < NEARLY * declared else found
 
 
+def middle_sigma_s(motions: ScanMotions) -> float:
+    """How unsure it is when the middle beam of a scan fired: by half of what the sweep is, where it
+    is by the scans."""
+    by_scans = motions.contradicted[0] and _true_sweep_s(motions) > 0.0
+    return 0.5 * float(motions.sweep_s.sigma) if by_scans else 0.0
+
+
 def _in_metres(motions: ScanMotions) -> tuple[FloatArray, FloatArray]:
     """(n, 3) steps and (n, 3, 3) information, whatever unit the ranges are in."""
     scale = np.array([motions.metres_per_unit, motions.metres_per_unit, 1.0])

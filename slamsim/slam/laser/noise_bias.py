@@ -18,6 +18,7 @@ from slamsim.core.types import Float32Array, IntArray
 from slamsim.recording import RawScans
 from slamsim.slam.laser.scan_beams import BeamReader
 from slamsim.slam.laser.scan_motion import ScanMotions, ShapeBias, window_motions
+from slamsim.slam.laser.scan_scale import ANGLE_SCALE
 
 DRAWS = 2
 """Of noise: each takes as long as the estimate itself."""
@@ -30,16 +31,22 @@ what there is, and not all of the shift grows with its square."""
 def without_noise_bias(
     scans: RawScans, windows: list[IntArray], motions: ScanMotions
 ) -> ScanMotions:
-    """The motions of these windows again, their shape without what noise makes of it."""
+    """The motions of these windows again, their shape without what noise makes of it.
+
+    With noise upon them scans may fit at another rough angle between beams, or nowhere: that is no
+    shift of the fit that was found, so each begins from the rough angle of that one.
+    """
+    rough = motions.rough_angle_scale
     shifts = []
     for seed in range(DRAWS):
         noisier = replace(scans, ranges_m=_Noisier(scans, motions.range_noise_m, seed))
-        shift = window_motions(noisier, windows).shape - motions.shape
+        shift = window_motions(noisier, windows, angle_scale=rough).shape - motions.shape
+        shift[ANGLE_SCALE] /= rough
         shifts.append(np.where(np.isfinite(shift), shift, 0.0))
     shift = np.mean(shifts, axis=0)
     scatter = np.std(shifts, axis=0, ddof=1) / np.sqrt(DRAWS)
     bias = ShapeBias(shift, np.hypot(scatter, UNSURE_SHARE * np.abs(shift)))
-    return window_motions(scans, windows, bias)
+    return window_motions(scans, windows, bias, rough)
 
 
 class _Noisier(Sequence[Float32Array]):

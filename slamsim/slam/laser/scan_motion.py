@@ -90,7 +90,7 @@ class ShapeEstimate:
 @dataclass(frozen=True, slots=True, eq=False)
 class ShapeBias:
     """By how much sweep, angle scale and range offset come out wrong (3,), and how unsure that is
-    (3,)."""
+    (3,). The angle scale: beyond the rough one."""
 
     numbers: FloatArray
     sigmas: FloatArray
@@ -106,7 +106,8 @@ class ScanMotions:
     metres_per_unit: by what ranges were multiplied to make a room of them; 1 unless they are in
     no metres. Windows are in the recorded unit. radians_per_unit: likewise for angles.
     sweep_s: from the first beam to the last. angle_step: true over declared, 1 where it is right;
-    windows are as the true one has them. range_offset_m: by how much ranges are too long.
+    windows are as the true one has them. rough_angle_scale: the part of it that was found before
+    all was refined. range_offset_m: by how much ranges are too long.
     contradicted: (3,) whether the scans contradict what is declared of sweep, angle step and
     offset; windows are as they then are. path_by_offset_per_m: by which share a path grows for each
     metre that ranges are taken to be longer than they should. range_noise_m: as seen in the
@@ -119,6 +120,7 @@ class ScanMotions:
     radians_per_unit: float
     sweep_s: ShapeEstimate
     angle_step: ShapeEstimate
+    rough_angle_scale: float
     range_offset_m: ShapeEstimate
     contradicted: BoolArray
     path_by_offset_per_m: float
@@ -160,22 +162,27 @@ class ScanMotions:
 
 
 def window_motions(
-    scans: RawScans, windows: list[IntArray], bias: ShapeBias = UNBIASED
+    scans: RawScans,
+    windows: list[IntArray],
+    bias: ShapeBias = UNBIASED,
+    angle_scale: float | None = None,
 ) -> ScanMotions:
     """The motion of a lidar by its scans alone.
 
     windows: each (k,) indices of scans in a row, a few seconds of them (``choose_windows``). bias:
-    of the shape, which is taken off.
+    of the shape, which is taken off. angle_scale: the ``rough_angle_scale`` that is known from
+    elsewhere; None looks for it.
     """
-    reader = BeamReader(scans)
+    reader = BeamReader(scans, 1.0 if angle_scale is None else angle_scale)
 
     tracks = _tracked(scans, reader, windows)
 
     first = _as_declared(tracks, reader)
 
-    angle_scale = rough_angle_scale(tracks, first, reader.declared_sweep_s)
+    if angle_scale is None:
+        angle_scale = rough_angle_scale(tracks, first, reader.declared_sweep_s)
 
-    if angle_scale != 1.0:
+    if angle_scale != reader.angle_scale:
         reader = BeamReader(scans, angle_scale)
         tracks = _tracked(scans, reader, windows)
         first = _as_declared(tracks, reader)
@@ -260,6 +267,7 @@ def _motions(
         angle_step=ShapeEstimate(
             angle_scale * reader.angle_scale, sigmas[1] * reader.angle_scale, 1.0
         ),
+        rough_angle_scale=reader.angle_scale,
         range_offset_m=ShapeEstimate(range_offset_m, sigmas[2], 0.0),
         contradicted=given_up | np.array([False, reader.angle_scale != 1.0, False]),
         path_by_offset_per_m=_path_by_offset(windows[1]),
