@@ -23,8 +23,8 @@ from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding, Measurement, decide
 from slamsim.check.motion.depth_floor import fit_floor
 from slamsim.check.motion.depth_slices import NAMES, SliceFit, fit_slices
-from slamsim.check.motion.image_leans import fit_readout, seen_leans
-from slamsim.check.motion.image_turns import TurnFit, fit_turns, seen_turns
+from slamsim.check.motion.image_leans import SeenLeans, fit_readout, seen_leans
+from slamsim.check.motion.image_turns import SeenTurns, TurnFit, fit_turns, seen_turns
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.questions.cameras.axes import check_axes
 from slamsim.check.questions.cameras.colours import likeness
@@ -501,6 +501,36 @@ def turn_fit(camera: CameraSurvey) -> TurnFit | None:
     model = camera.claim.model()
     leans = seen_leans(camera, model, R_OPTICAL)
     return fit_turns(seen_turns(camera, model, R_OPTICAL), leans, gyro)
+
+
+def test_things_near_on_one_side_of_few_turns_make_the_delay_unsure() -> None:
+    at_s = np.arange(0.0, 42.0, 0.01)
+    rates = [
+        rate * np.clip(np.minimum((at_s - begin) / 0.35, (begin + lasts - at_s) / 0.35), 0.0, 1.0)
+        for begin, rate, lasts in ((29.5, 1.0, 2.1), (34.6, -0.2, 0.5), (36.2, 0.25, 1.6))
+    ]
+    totals = 0.01 * np.cumsum(np.sum(rates, axis=0))
+    stamps_ns = (1e9 * at_s).round().astype(np.int64)
+    gyro = IntegratedMotion("/imu", stamps_ns, totals[:, None], np.array([1e-5]))
+    starts_s = np.sort(np.concatenate([np.arange(1.0, 40.0, 0.4), np.arange(1.1, 40.0, 0.4)]))
+    pair = np.repeat(np.arange(starts_s.size), 2)
+    first_s = starts_s[pair]
+    turned_rad = np.interp(first_s + 0.1, at_s, totals) - np.interp(first_s, at_s, totals)
+    # In the first turn something near comes into view and goes.
+    nearer = np.interp(first_s, (29.5, 30.9, 31.4, 33.0, 33.1), (1.2, 1.2, 0.9, 0.9, 1.0))
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        others = np.where(first_s > 33.0, 0.2 * rng.random(20)[(first_s // 2.0).astype(int)], 0.0)
+        seen = SeenTurns(
+            *((1e9 * each).astype(np.int64) for each in (first_s, first_s + 0.1)),
+            (nearer + others) * turned_rad + rng.normal(0.0, 7e-4, first_s.size),
+            np.tile([0.25, 0.75], starts_s.size),
+            pair,
+        )
+        fit = fit_turns(seen, SeenLeans(np.zeros(0, np.int64), np.zeros(0)), gyro)
+        assert fit is not None
+        delay_s, sigma_s = fit.delay_s
+        assert abs(delay_s) < 2.5 * sigma_s, seed
 
 
 @pytest.mark.long

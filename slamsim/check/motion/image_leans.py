@@ -191,7 +191,7 @@ def fit_readout(
     take longer than from one image to the next: what is seen in turns leans by itself. Below 0
     where rows are exposed from the foot of the image on. times_s: (n,) of the images.
     """
-    block, turns = _views(times_s, rates_rad_s)
+    block, turns = views(times_s, rates_rad_s)
     count = int(block.max(initial=-1)) + 1
     A = np.column_stack([np.ones(leans_rad.size), rates_rad_s])
     if count < _FEWEST_BLOCKS or turns < 2 or not np.ptp(rates_rad_s) > 0.0:
@@ -227,7 +227,7 @@ def fit_readout(
     return float(values[1]), float(np.hypot(max(sigma_s, by_views_s), _LEAST_SIGMA_S))
 
 
-def _views(times_s: FloatArray, rates_rad_s: FloatArray) -> tuple[IntArray, int]:
+def views(times_s: FloatArray, rates_rad_s: FloatArray) -> tuple[IntArray, int]:
     """(n,) to which view each image belongs, from 0, and how many of these are turns.
 
     A robot that goes round a thing has it on the same side all the while, and what of it leans does

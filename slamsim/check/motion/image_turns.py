@@ -19,10 +19,11 @@ from numpy.typing import NDArray
 
 from slamsim.cameras.lens import CameraModel
 from slamsim.cameras.survey import CameraSurvey
-from slamsim.check.motion.image_leans import SeenLeans, fit_readout
+from slamsim.check.motion.image_leans import SeenLeans, fit_readout, views
 from slamsim.check.motion.integrated import IntegratedMotion
-from slamsim.check.motion.robust import scatter, tukey_weights
+from slamsim.check.motion.robust import biweights, scatter, scatter_of_some, tukey_weights
 from slamsim.core.geometry import wrap_angle
+from slamsim.core.quantiles import SIGMAS_PER_MEDIAN, student_t
 from slamsim.core.types import BoolArray, Float32Array, FloatArray, IntArray
 
 FEWEST_PAIRS = 20
@@ -56,6 +57,13 @@ _READOUT_S, _READOUT_SIGMA_S = 0.015, 0.015
 """From the first row to the last, before leans are looked at: a global shutter, or most of a period
 at 30 images a second."""
 _ROUNDS = 12
+_VARIED = 3.0
+"""As for leans: times the scatter of all pairs is that of those in turns at most."""
+_WILD = 4.0
+"""Standard deviations from which on it does not matter how far off a turn is."""
+_GAINS = np.linspace(0.8, 1.4, 7)
+"""Times the turn of the robot by which images are looked for: what is near seems to turn faster by
+a fifth (``rooms``)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -274,9 +282,11 @@ class _Table:
             values = values + np.linalg.lstsq(H, g, rcond=1e-12)[0]
         if abs(values[0]) > _SEARCHED_S or not weight.any():
             return None
-        sigmas = np.sqrt(np.diag(self._covariance(A, apart * weight, H, sigma_s)))
+        weighed = apart * weight
+        sigmas = np.sqrt(np.diag(self._covariance(A, weighed, self.pair, H, sigma_s)))
+        delay_sigma_s = max(float(sigmas[0]), self._delay_sigma_s(A, weighed, H, sigma_s))
         return TurnFit(
-            (float(values[0]), float(sigmas[0])),
+            (float(values[0]), delay_sigma_s),
             (float(values[1]), float(sigmas[1])),
             readout,
             self._rate(self._leant_at(values)),
@@ -302,17 +312,36 @@ class _Table:
         lasts = self.second_s - self.first_s
         apart = self.turned_rad - (1.0 + gain) * told - bias * lasts
         A = np.column_stack([-change, told, lasts, change * self.rows])
-        return A, apart, tukey_weights(apart, _LEAST_SCATTER_RAD)
+        return A, apart, biweights(apart, self._scatter_rad(apart))
+
+    def _scatter_rad(self, apart: FloatArray) -> float:
+        """Of what is unexplained (n,). By that of straight driving alone the few turns of a robot
+        that mostly goes straight would be wild, and it is these that tell."""
+        alike_rad = scatter(apart, _LEAST_SCATTER_RAD)
+        turning_rad = scatter_of_some(apart, np.square(self.turned_rad), _LEAST_SCATTER_RAD)
+        return float(np.clip(turning_rad, alike_rad, _VARIED * alike_rad))
+
+    def _delay_sigma_s(
+        self, A: FloatArray, weighed: FloatArray, H: FloatArray, sigma_s: float
+    ) -> float:
+        """By turns: what is near on one side moves as if it turned all through one of them."""
+        middles_s = 0.5 * (self.first_s + self.second_s)
+        view, turns = views(middles_s, self._rate(middles_s))
+        if turns < 2:
+            return _SEARCHED_S
+        sigma = np.sqrt(self._covariance(A, weighed, view, H, sigma_s)[0, 0])
+        few = np.sqrt(turns / (turns - 1.0)) * student_t(0.975, turns - 1.0) / 1.96
+        return float(min(sigma * few, _SEARCHED_S))
 
     def _covariance(
-        self, A: FloatArray, weighed: FloatArray, H: FloatArray, sigma_s: float
+        self, A: FloatArray, weighed: FloatArray, block: IntArray, H: FloatArray, sigma_s: float
     ) -> FloatArray:
-        """(4, 4) by pairs (sandwich), with what is known of the readout."""
-        _, place = np.unique(self.pair, return_inverse=True)
-        by_pair = np.zeros((int(place.max()) + 1, 4))
-        np.add.at(by_pair, place, A * weighed[:, None])
+        """(4, 4) by blocks (n,) that err together (sandwich), with what is known of the readout."""
+        _, place = np.unique(block, return_inverse=True)
+        summed = np.zeros((int(place.max()) + 1, 4))
+        np.add.at(summed, place, A * weighed[:, None])
         inverse = np.linalg.pinv(H, rcond=1e-12)
-        found = inverse @ (by_pair.T @ by_pair) @ inverse
+        found = inverse @ (summed.T @ summed) @ inverse
         prior = inverse[:, 3:] * scatter(weighed, _LEAST_SCATTER_RAD) ** 2 / sigma_s
         return np.asarray(found + prior @ prior.T)
 
@@ -329,7 +358,16 @@ class _Table:
             best = int(np.argmin(against))
             late = self._is_rather_late(np.abs(self.turned_rad + told[best]))
             return None if late else (float(delays[best]), -2.0)
-        return float(delays[int(np.argmin(same))]), 0.0
+        left = [self._left_over(each, same.min()) for each in told]
+        return float(delays[int(np.argmin(left))]), 0.0
+
+    def _left_over(self, told_rad: FloatArray, median_rad: float) -> float:
+        """What turns (n,), made larger or smaller as a whole, leave of those seen: squared, as far
+        as ``_WILD`` times the scatter. The median of all is that of straight driving, which fits
+        any delay."""
+        most_rad = _WILD * max(SIGMAS_PER_MEDIAN * median_rad, _LEAST_SCATTER_RAD)
+        left_rad = self.turned_rad - np.outer(_GAINS, told_rad)
+        return float(np.square(np.minimum(np.abs(left_rad), most_rad)).sum(axis=1).min())
 
     def _is_rather_late(self, against_rad: FloatArray) -> bool:
         """Whether turns the same way, farther off than is searched, leave not plainly more than
