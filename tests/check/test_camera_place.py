@@ -522,7 +522,8 @@ def test_things_near_on_one_side_of_few_turns_make_the_delay_unsure() -> None:
         rng = np.random.default_rng(seed)
         others = np.where(first_s > 33.0, 0.2 * rng.random(20)[(first_s // 2.0).astype(int)], 0.0)
         seen = SeenTurns(
-            *((1e9 * each).astype(np.int64) for each in (first_s, first_s + 0.1)),
+            (1e9 * first_s).astype(np.int64),
+            (1e9 * (first_s + 0.1)).astype(np.int64),
             (nearer + others) * turned_rad + rng.normal(0.0, 7e-4, first_s.size),
             np.tile([0.25, 0.75], starts_s.size),
             pair,
