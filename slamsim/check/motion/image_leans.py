@@ -18,7 +18,7 @@ from scipy.special import stdtrit
 
 from slamsim.cameras.lens import CameraModel
 from slamsim.cameras.survey import CameraSurvey
-from slamsim.check.motion.robust import biweights, scatter, scatter_of_some, weighed_median
+from slamsim.check.motion.robust import biweights, scatter, scatter_where_it_tells, weighed_median
 from slamsim.core.geometry import wrap_angle
 from slamsim.core.types import BoolArray, FloatArray, IntArray
 
@@ -45,10 +45,6 @@ _BLOCK_S, _FEWEST_BLOCKS = 2.0, 6
 """Images of one view have the lean of that view in common: views count, not images. Straight on, a
 view lasts so long at most."""
 _LEAST_SCATTER_RAD = 1e-6
-_VARIED = 3.0
-"""Times the scatter of all images is that of those in turns at most, each of which sees another
-view: along corridors it is 3.5 times. Beyond that most of a turn sees things that lean, such as a
-slanted pattern, by which 0 ms would be 190 and 370."""
 _ROUNDS = 15
 _STRAIGHT_RAD_S = 0.1
 """Turns that are slower lean things by a shutter of 30 ms by 0.2 degrees."""
@@ -197,17 +193,13 @@ def fit_readout(
     if count < _FEWEST_BLOCKS or turns < 2 or not np.ptp(rates_rad_s) > 0.0:
         return None
     weight = np.ones(leans_rad.size)
-    # Images of a robot that goes straight along a corridor all lean the same; by their scatter what
-    # is seen in its few turns would be wild, and it is that which tells of the shutter.
     tells = np.square(rates_rad_s - np.median(rates_rad_s))
     for _ in range(_ROUNDS):
         by = A * weight[:, None]
         inverse = np.linalg.pinv(by.T @ A)
         values = inverse @ (by.T @ leans_rad)
         apart = leans_rad - A @ values
-        alike_rad = scatter(apart, _LEAST_SCATTER_RAD)
-        turning_rad = scatter_of_some(apart, tells, _LEAST_SCATTER_RAD)
-        weight = biweights(apart, float(np.clip(turning_rad, alike_rad, _VARIED * alike_rad)))
+        weight = biweights(apart, scatter_where_it_tells(apart, tells, _LEAST_SCATTER_RAD))
     if abs(values[1]) > np.median(np.diff(np.sort(times_s))):
         return None
     scores = np.zeros((count, 2))

@@ -21,7 +21,7 @@ from slamsim.cameras.lens import CameraModel
 from slamsim.cameras.survey import CameraSurvey
 from slamsim.check.motion.image_leans import SeenLeans, fit_readout, views
 from slamsim.check.motion.integrated import IntegratedMotion
-from slamsim.check.motion.robust import biweights, scatter, scatter_of_some, tukey_weights
+from slamsim.check.motion.robust import biweights, scatter, scatter_where_it_tells, tukey_weights
 from slamsim.core.geometry import wrap_angle
 from slamsim.core.quantiles import SIGMAS_PER_MEDIAN, student_t
 from slamsim.core.types import BoolArray, Float32Array, FloatArray, IntArray
@@ -57,8 +57,6 @@ _READOUT_S, _READOUT_SIGMA_S = 0.015, 0.015
 """From the first row to the last, before leans are looked at: a global shutter, or most of a period
 at 30 images a second."""
 _ROUNDS = 12
-_VARIED = 3.0
-"""As for leans: times the scatter of all pairs is that of those in turns at most."""
 _WILD = 4.0
 """Standard deviations from which on it does not matter how far off a turn is."""
 _GAINS = np.linspace(0.8, 1.4, 7)
@@ -312,14 +310,8 @@ class _Table:
         lasts = self.second_s - self.first_s
         apart = self.turned_rad - (1.0 + gain) * told - bias * lasts
         A = np.column_stack([-change, told, lasts, change * self.rows])
-        return A, apart, biweights(apart, self._scatter_rad(apart))
-
-    def _scatter_rad(self, apart: FloatArray) -> float:
-        """Of what is unexplained (n,). By that of straight driving alone the few turns of a robot
-        that mostly goes straight would be wild, and it is these that tell."""
-        alike_rad = scatter(apart, _LEAST_SCATTER_RAD)
-        turning_rad = scatter_of_some(apart, np.square(self.turned_rad), _LEAST_SCATTER_RAD)
-        return float(np.clip(turning_rad, alike_rad, _VARIED * alike_rad))
+        sigma_rad = scatter_where_it_tells(apart, np.square(self.turned_rad), _LEAST_SCATTER_RAD)
+        return A, apart, biweights(apart, sigma_rad)
 
     def _delay_sigma_s(
         self, A: FloatArray, weighed: FloatArray, H: FloatArray, sigma_s: float
