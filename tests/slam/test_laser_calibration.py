@@ -236,8 +236,12 @@ def test_beams_that_were_turned_round_are_taken_in_the_order_of_their_firing() -
     wrong = turned_round(true)
     unknown = LaserCalibration.unknown(wrong.T_base_laser, SWEEP_S)
     sweep = np.arange(len(NAMES)) == SWEEP
-    exact = replace(unknown, values=np.where(sweep, -SWEEP_S, unknown.values), corrected=sweep)
+    values = np.where(sweep, -SWEEP_S, unknown.values)
+    exact = replace(unknown, values=values, sigmas=np.full(len(NAMES), 1e-3), corrected=sweep)
+    assert exact.backward
     assert exact.later_ns == 0
+    at_once = replace(exact, values=np.where(sweep, -1e-3, unknown.values))
+    assert not at_once.backward
     corrected = exact.applied(wrong)
     (told,) = corrected.warnings
     assert told.startswith("the last beam fires first, the first one 36 ")

@@ -77,15 +77,17 @@ class LaserCalibration:
 
     @property
     def backward(self) -> bool:
-        """Whether the last beam fired first, although nothing declares it. The stamp is then that
-        of the last beam: a driver that turns an array round (a clockwise lidar's, to make it
-        counter-clockwise) stamps the begin of the sweep."""
-        return bool(self.used[SWEEP] < 0.0 <= self.declared[SWEEP])
+        """Whether the last beam plainly fired first, although nothing declares it. The stamp is
+        then that of the last beam: a driver that turns an array round (a clockwise lidar's, to make
+        it counter-clockwise) stamps the begin of the sweep. Beams of one instant come out as a
+        little before or after each other."""
+        latest_s = self.used[SWEEP] + 1.96 * self.sigmas[SWEEP]
+        return bool(latest_s < 0.0 <= self.declared[SWEEP])
 
     @property
     def later_ns(self) -> int:
         """By how much the middle beam fired later than declared."""
-        sweep_s = abs(self.used[SWEEP]) if self.backward else self.used[SWEEP]
+        sweep_s = -self.used[SWEEP] if self.backward else self.used[SWEEP]
         return round(0.5e9 * float(sweep_s - self.declared[SWEEP]))
 
     def applied(self, log: Log) -> Log:
