@@ -14,12 +14,12 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from slamsim.cameras.lens import CameraModel
 from slamsim.cameras.survey import CameraSurvey
 from slamsim.check.motion.robust import biweights, scatter, scatter_where_it_tells, weighed_median
 from slamsim.core.geometry import wrap_angle
+from slamsim.core.quantiles import student_t
 from slamsim.core.types import BoolArray, FloatArray, IntArray
 
 _SHORTEST_PX, _FEWEST_LINES = 12.0, 3
@@ -208,8 +208,8 @@ def fit_readout(
     # less, (1 - u^2)(1 - 5 u^2), for those that it takes farther off count less.
     root = np.sqrt(weight)
     inverse = np.linalg.pinv((A * (root * (5.0 * root - 4.0))[:, None]).T @ A)
-    covariance = inverse @ (scores.T @ scores) @ inverse * (turns / (turns - 1.0))
-    sigma_s = float(np.sqrt(covariance[1, 1])) * float(stdtrit(turns - 1, 0.975)) / 1.96
+    covariance = inverse @ (scores.T @ scores) @ inverse
+    sigma_s = float(np.sqrt(covariance[1, 1])) * wider_by_few(turns)
     # Of few turns the fit follows what each of them happens to lean: how far views scatter, turns
     # or not, tells that better than what is left of them.
     members = [np.flatnonzero(block == one) for one in range(count)]
@@ -217,6 +217,11 @@ def fit_readout(
     view_rates = np.array([rates_rad_s[of].mean() for of in members])
     by_views_s = view_rad / max(float(np.linalg.norm(view_rates - view_rates.mean())), 1e-9)
     return float(values[1]), float(np.hypot(max(sigma_s, by_views_s), _LEAST_SIGMA_S))
+
+
+def wider_by_few(turns: int) -> float:
+    """Times a sigma that two or more turns tell, each of them one view: Student's t."""
+    return float(np.sqrt(turns / (turns - 1.0)) * student_t(0.975, turns - 1.0)) / 1.96
 
 
 def views(times_s: FloatArray, rates_rad_s: FloatArray) -> tuple[IntArray, int]:

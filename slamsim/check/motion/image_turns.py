@@ -19,11 +19,11 @@ from numpy.typing import NDArray
 
 from slamsim.cameras.lens import CameraModel
 from slamsim.cameras.survey import CameraSurvey
-from slamsim.check.motion.image_leans import SeenLeans, fit_readout, views
+from slamsim.check.motion.image_leans import SeenLeans, fit_readout, views, wider_by_few
 from slamsim.check.motion.integrated import IntegratedMotion
 from slamsim.check.motion.robust import biweights, scatter, scatter_where_it_tells, tukey_weights
 from slamsim.core.geometry import wrap_angle
-from slamsim.core.quantiles import SIGMAS_PER_MEDIAN, student_t
+from slamsim.core.quantiles import SIGMAS_PER_MEDIAN
 from slamsim.core.types import BoolArray, Float32Array, FloatArray, IntArray
 
 FEWEST_PAIRS = 20
@@ -321,9 +321,8 @@ class _Table:
         view, turns = views(middles_s, self._rate(middles_s))
         if turns < 2:
             return _SEARCHED_S
-        sigma = np.sqrt(self._covariance(A, weighed, view, H, sigma_s)[0, 0])
-        few = np.sqrt(turns / (turns - 1.0)) * student_t(0.975, turns - 1.0) / 1.96
-        return float(min(sigma * few, _SEARCHED_S))
+        sigma = float(np.sqrt(self._covariance(A, weighed, view, H, sigma_s)[0, 0]))
+        return min(sigma * wider_by_few(turns), _SEARCHED_S)
 
     def _covariance(
         self, A: FloatArray, weighed: FloatArray, block: IntArray, H: FloatArray, sigma_s: float
