@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import cv2
 import numpy as np
+import open3d as o3d
 import pytest
 from camera_data import LIVINGROOM, needs
 from rgbd_room import patterns, see
@@ -110,20 +113,51 @@ def test_images_of_another_size_are_refused() -> None:
 @pytest.mark.long
 @needs(LIVINGROOM)
 def test_the_living_room_is_followed() -> None:
-    """At most 1 % of the path: ATE, and 1.2 % at its end; ``docs/cameras.md`` has more."""
+    """At most 1 % of the path wherever the reference is one path.
+
+    The reference is Open3D's own reconstruction, in fragments of 100 images: between images 99 and
+    100 it jumps by 25 mm, which neither of two odometries sees.
+    """
     lines = (LIVINGROOM / "trajectory.log").read_text().splitlines()
     truth = np.array([[row.split() for row in lines[i + 1 : i + 5]] for i in range(0, 600, 5)])
     truth = truth.astype(np.float64)
     K = np.array([[525.0, 0, 319.5], [0, 525, 239.5], [0, 0, 1]])
     odometry = RgbdOdometry(CameraModel(640, 480, K))
     colours, depths = (sorted((LIVINGROOM / name).iterdir()) for name in ("image", "depth"))
-    found = []
+    poses = []
     for k, (colour, depth) in enumerate(zip(colours, depths, strict=True)):
         grey = np.asarray(cv2.imread(str(colour), cv2.IMREAD_GRAYSCALE), dtype=np.uint8)
         depth_m = np.asarray(cv2.imread(str(depth), -1), dtype=np.float32) * 1e-3
-        found.append(odometry.step(k * 33_333_333, grey, depth_m).T_odom_camera)
-    ends_m = np.linalg.norm(np.array(found)[:, :3, 3] - truth[:, :3, 3], axis=1)
-    path_m = np.linalg.norm(np.diff(truth[:, :3, 3], axis=0), axis=1).sum()
+        poses.append(odometry.step(k * 33_333_333, grey, depth_m).T_odom_camera)
+    found = np.array(poses)
 
-    assert ends_m[-1] < 0.012 * path_m
-    assert np.sqrt(np.mean(ends_m**2)) < 0.01 * path_m
+    def error_m(first: int, last: int) -> float:
+        """Of the place at the last image, seen from that of the first."""
+        ends = (np.linalg.inv(each[first]) @ each[last] for each in (found, truth))
+        return float(np.linalg.norm(np.subtract(*ends)[:3, 3]))
+
+    path_m = np.r_[0.0, np.cumsum(np.linalg.norm(np.diff(truth[:, :3, 3], axis=0), axis=1))]
+    assert error_m(0, 99) < 0.008 * path_m[99]
+    assert error_m(100, 119) < 0.008 * (path_m[119] - path_m[100])
+    assert error_m(0, 119) < 0.012 * path_m[119]
+    at_jump = open3d_motion(colours[99:101], depths[99:101], K)
+    of_odometry = np.linalg.inv(found[99]) @ found[100]
+    of_reference = np.linalg.inv(truth[99]) @ truth[100]
+    assert np.linalg.norm((of_odometry - at_jump)[:3, 3]) < 0.001
+    assert np.linalg.norm((of_reference - at_jump)[:3, 3]) > 0.02
+
+
+def open3d_motion(colours: list[Path], depths: list[Path], K: FloatArray) -> FloatArray:
+    """(4, 4) of the second of two images in the frame of the first, by Open3D's hybrid odometry."""
+    first, second = (
+        o3d.geometry.RGBDImage.create_from_color_and_depth(
+            o3d.io.read_image(colour), o3d.io.read_image(depth), depth_trunc=4.0
+        )
+        for colour, depth in zip(colours, depths, strict=True)
+    )
+    jacobian = o3d.pipelines.odometry.RGBDOdometryJacobianFromHybridTerm()
+    camera = o3d.camera.PinholeCameraIntrinsic(640, 480, K[0, 0], K[1, 1], K[0, 2], K[1, 2])
+    _, motion, _ = o3d.pipelines.odometry.compute_rgbd_odometry(
+        second, first, camera, np.eye(4), jacobian
+    )
+    return np.asarray(motion)
