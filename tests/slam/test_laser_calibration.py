@@ -24,7 +24,7 @@ from simulated import (
 )
 
 from slamsim.config.slam import MotionConfig, SlamConfig
-from slamsim.core.geometry import compose, se3_from_parts
+from slamsim.core.geometry import between, compose, se3_from_parts, wrap_angle
 from slamsim.core.types import FloatArray, Log, PlanarTrajectory, ScanBeside, ScanGeometry
 from slamsim.evaluate.relations import score_relations
 from slamsim.io.open import read_log
@@ -37,6 +37,8 @@ from slamsim.slam.laser.estimate import (
     calibrate_laser,
     laser_of,
 )
+from slamsim.slam.laser.mount import find_mount
+from slamsim.slam.laser.scan_motion import BundledWindow
 from slamsim.slam.session import odometry_of, run_slam
 
 LIDAR = ScanGeometry(np.deg2rad(-120.0), np.deg2rad(1.0), 241, 150_000, 0.1, 20.0)
@@ -283,6 +285,37 @@ def test_a_laser_that_looks_elsewhere_is_found_where_it_is(yaw_rad: float) -> No
     assert found.corrected.tolist() == [name == "laser_yaw_rad" for name in NAMES]
     assert (np.abs(off) < 4.0 * found.sigmas).all()
     assert abs(found.calibrated()["laser_yaw_rad"].value) <= np.pi
+
+
+@pytest.mark.parametrize(("declared_x_m", "yaw_rad"), [(0.5, 0.0), (0.35, 0.0), (0.5, np.pi)])
+def test_a_laser_before_a_robot_that_drives_in_circles_is_found_where_it_is(
+    declared_x_m: float, yaw_rad: float
+) -> None:
+    """It goes 59 degrees to the left of where the axle goes, for which it was put 0.28 m back and
+    0.25 m to the right, looking 37 degrees to the right."""
+    at_s, true = np.arange(0.0, 60.0, 0.005), np.array([0.5, 0.0, yaw_rad])
+    speed_m_s, rate_rad_s = 0.3 + 0.06 * np.sin(0.31 * at_s), 1.0 + 0.1 * np.sin(0.17 * at_s)
+    yaw = 0.005 * np.cumsum(rate_rad_s)
+    steps = 0.005 * speed_m_s[:, None] * np.column_stack([np.cos(yaw), np.sin(yaw)])
+    stamps_ns = (1e9 * at_s).round().astype(np.int64)
+    truth = PlanarTrajectory(stamps_ns, np.column_stack([steps.cumsum(axis=0), wrap_angle(yaw)]))
+    sigmas, rng, windows = np.array([1e-3, 1e-3, 3e-4]), np.random.default_rng(0), []
+    for begin_s in range(2, 52, 4):
+        seen_ns = 1_000_000_000 * begin_s + 100_000_000 * np.arange(25)
+        laser = compose(truth.at(seen_ns), np.tile(true, (25, 1)))
+        off = np.concatenate([np.zeros((1, 3)), rng.normal(0.0, sigmas, (24, 3))])
+        poses = compose(between(np.tile(laser[0], (25, 1)), laser), off)
+        variances = np.concatenate([np.zeros(3), np.tile(np.square(sigmas), 24)])
+        windows.append(
+            BundledWindow(np.arange(25), seen_ns, poses, np.diag(variances), np.ones(25))
+        )
+    log = replace(healthy(0).log, odometry=noisy_wheels(truth, 0), imu=noisy_gyro(truth, 0))
+    odometry, declared = odometry_of(log), np.array([declared_x_m, 0.0, 0.0])
+    assert odometry is not None
+    found = find_mount(windows, 0, odometry, declared, MotionConfig())
+    assert found is not None and (found.sigmas < [0.01, 0.01, 0.02]).all()
+    off = found.off - (true - declared)
+    assert (np.abs([*off[:2], wrap_angle(off[2])]) < 3.0 * found.sigmas).all()
 
 
 def test_where_poses_are_the_lasers_no_mount_is_looked_for() -> None:

@@ -26,6 +26,8 @@ MOUNT = slice(PARAMETERS, PARAMETERS + 3)
 DELAY = PARAMETERS + 3
 PLACE_SIGMA_M, YAW_SIGMA_RAD, DELAY_SIGMA_S = 0.05, np.deg2rad(2.0), 0.05
 """Prior standard deviations: of a mount by tape measure and by eye, of stamps by software."""
+ANY_YAW_SIGMA_RAD = np.pi / np.sqrt(3.0)
+"""Of a direction that may be any."""
 
 UNMODELLED = np.array([7e-4, 3e-4, 1e-4])
 """Standard deviation of x, y (m) and yaw (rad) beyond noise: tyres give when they push, so that
@@ -94,10 +96,12 @@ def find_mount(
     found = _stretches(windows, later_ns, odometry)
     if len(found.steps) < LEAST_STRETCHES or np.unique(found.window).size < LEAST_WINDOWS:
         return None
+    begin = np.append(T_base_laser[:2], _rough_yaw_rad(found, T_base_laser))
+    # Of a laser that looks elsewhere nothing is known but what its steps tell.
+    yaw_sigma_rad = YAW_SIGMA_RAD if begin[2] == T_base_laser[2] else ANY_YAW_SIGMA_RAD
     sigmas = np.concatenate(
-        [PRIOR_SIGMAS, [PLACE_SIGMA_M, PLACE_SIGMA_M, YAW_SIGMA_RAD, DELAY_SIGMA_S]]
+        [PRIOR_SIGMAS, [PLACE_SIGMA_M, PLACE_SIGMA_M, yaw_sigma_rad, DELAY_SIGMA_S]]
     )
-    begin = np.append(T_base_laser[:2], _rough_yaw_rad(found, float(T_base_laser[2])))
     start = np.concatenate([np.zeros(PARAMETERS), begin, [0.0]])
     noise, prior, values = OdometryNoise(config), np.diag(1.0 / np.square(sigmas)), start.copy()
     for _ in range(ROUNDS):
@@ -117,12 +121,14 @@ def find_mount(
     return Mount(values[MOUNT] - T_base_laser, np.sqrt(variance), len(spread))
 
 
-def _rough_yaw_rad(found: _Stretches, declared_rad: float) -> float:
-    """Where the laser looks by the direction of its steps against the base's if that is far from
-    the declared one, from which the least squares would not come there; else as declared."""
+def _rough_yaw_rad(found: _Stretches, T_base_laser: FloatArray) -> float:
+    """Where the laser looks by the direction of its steps against those of the place where it is
+    declared to sit, which in turns moves otherwise than the base, if that is far from the declared
+    one, from which the least squares would not come there; else as declared."""
     base, laser = np.array([step.T_first_last for step in found.steps]), found.T_laser
-    ways = [(one[:, 0] + 1j * one[:, 1]) * np.exp(-0.5j * one[:, 2]) for one in (base, laser)]
-    both = ways[0] * np.conj(ways[1])
+    steps = [one[:, 0] + 1j * one[:, 1] for one in (base, laser)]
+    place, declared_rad = complex(*T_base_laser[:2]), float(T_base_laser[2])
+    both = (steps[0] + (np.exp(1j * base[:, 2]) - 1.0) * place) * np.conj(steps[1])
     kept = abs(both.sum()) > TURNED_SHARE * np.abs(both).sum()
     off_rad = float(wrap_angle(np.angle(both.sum()) - declared_rad))
     return declared_rad + off_rad if kept and abs(off_rad) > TURNED_RAD else declared_rad
