@@ -26,7 +26,7 @@ from simulated import drive, sense_scans
 from slamsim.check.diagnosis import explained
 from slamsim.check.findings import Finding, Measurement, decide
 from slamsim.check.motion.inputs import gather_inputs
-from slamsim.check.motion.laser_steps import ANGLE_LIMIT, _evened, laser_motions
+from slamsim.check.motion.laser_steps import ANGLE_LIMIT, _evened, laser_motions, laser_steps
 from slamsim.check.questions.laser.laser import check_laser
 from slamsim.check.questions.laser.rotation import check_rotation
 from slamsim.check.questions.laser.shape import check_angles
@@ -40,6 +40,7 @@ from slamsim.recording import (
     RecordingFormat,
 )
 from slamsim.recording.repairs.apply import apply_repairs
+from slamsim.slam.laser.scan_motion import ShapeEstimate
 from slamsim.slam.laser.scan_scale import rough_angle_scale
 
 STEP = LIDAR.angle_step_rad
@@ -201,6 +202,28 @@ def test_where_the_sweep_is_by_the_scans_their_instant_is_half_as_unsure() -> No
     by_scans = replace(unsure, contradicted=np.array([True, False, False]))
     assert gather_inputs(healthy(), unsure).instant_sigma_s == 0.0
     assert gather_inputs(healthy(), by_scans).instant_sigma_s == pytest.approx(0.003)
+
+
+@pytest.mark.parametrize(
+    ("declared_s", "found_s", "later_s"),
+    [
+        *((0.04, 0.02, -0.01), (0.04, -0.04, 0.0), (0.0, -0.04, 0.02)),
+        *((-0.04, -0.02, 0.01), (-0.04, 0.04, 0.04), (-0.04, 1e-3, 0.02)),
+    ],
+)
+def test_the_instant_of_a_scan_goes_with_its_sweep(
+    declared_s: float, found_s: float, later_s: float
+) -> None:
+    """From the stamp on, before it only where beams are declared to fire before it: a sweep of 20
+    ms before the stamp, declared as 40, was seen 20 ms earlier than it was."""
+    motions = laser_motions(healthy())
+    assert motions is not None
+    sweep = ShapeEstimate(found_s, 1e-4, declared_s)
+    contradicted = np.array([True, False, False])
+    steps = laser_steps(replace(motions, sweep_s=sweep, contradicted=contradicted), even=False)
+    as_declared_ns = np.concatenate([window.middle_ns[:-1] for window in motions.windows])
+    np.testing.assert_array_equal(steps.first_ns - as_declared_ns, round(1e9 * later_s))
+    assert steps.sweep_s == (0.0 if found_s == 1e-3 else abs(found_s))
 
 
 @pytest.mark.parametrize(("noise_m", "sigma_mm"), [(0.0, 1.0), (0.025, 3.0)])

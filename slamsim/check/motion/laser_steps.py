@@ -84,9 +84,8 @@ def laser_steps(motions: ScanMotions, even: bool = True) -> LaserSteps:
 
     even: whether stamps that scatter are put on an even beat; not where others share them.
     """
-    declared = abs(motions.sweep_s.declared)
     sweep_s = _true_sweep_s(motions)
-    later_ns = round(0.5e9 * (sweep_s - declared))
+    later_ns = round(0.5e9 * (sweep_s - motions.sweep_s.declared))
     stamps = [window.middle_ns for window in motions.windows]
     stamps = _evened(stamps) if even else stamps
     begins = [middle_ns[:-1] for middle_ns in stamps]
@@ -96,7 +95,7 @@ def laser_steps(motions: ScanMotions, even: bool = True) -> LaserSteps:
         *(motions.first, motions.second),
         *(_joined(begins) + later_ns, _joined(ends) + later_ns),
         *_in_metres(motions),
-        *(motions.window.astype(np.int64), sweep_s),
+        *(motions.window.astype(np.int64), abs(sweep_s)),
     )
     finite = np.isfinite(steps.T_first_second).all(axis=1)
     finite &= np.isfinite(steps.information).all(axis=(1, 2))
@@ -104,17 +103,20 @@ def laser_steps(motions: ScanMotions, even: bool = True) -> LaserSteps:
 
 
 def _true_sweep_s(motions: ScanMotions) -> float:
-    """By the scans where they contradict what is declared."""
-    declared, found = abs(motions.sweep_s.declared), abs(motions.sweep_s.value)
+    """From the beam that has the stamp on, by the scans where they contradict what is declared:
+    below 0 only where that is declared, else the stamp is that of the beam that fires first."""
+    declared, found = motions.sweep_s.declared, motions.sweep_s.value
     if not motions.contradicted[0]:
         return declared
-    return 0.0 if found < NEARLY * declared else found
+    if abs(found) < NEARLY * abs(declared):
+        return 0.0
+    return found if declared < 0.0 else abs(found)
 
 
 def middle_sigma_s(motions: ScanMotions) -> float:
     """How unsure it is when the middle beam of a scan fired: by half of what the sweep is, where it
     is by the scans."""
-    by_scans = motions.contradicted[0] and _true_sweep_s(motions) > 0.0
+    by_scans = motions.contradicted[0] and _true_sweep_s(motions) != 0.0
     return 0.5 * float(motions.sweep_s.sigma) if by_scans else 0.0
 
 
