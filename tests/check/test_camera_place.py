@@ -534,6 +534,43 @@ def test_things_near_on_one_side_of_few_turns_make_the_delay_unsure() -> None:
         assert abs(delay_s) < 2.5 * sigma_s < 0.12, seed
 
 
+@pytest.mark.parametrize("gain", [0.6, 1.0, 1.7, 2.5, -1.0, -1.3])
+@pytest.mark.parametrize("wild_share", [0.0, 0.1])
+def test_delay_and_gain_are_found_however_far_images_turn(gain: float, wild_share: float) -> None:
+    """On a robot that mostly went straight, a camera with 1.5 times the focal length was told to be
+    118 ms late, and one that was mirrored was not; how sure that is depended on the delay."""
+    at_s, totals = np.arange(0.0, 42.0, 0.01), np.zeros(4200)
+    for begin, rate, lasts in ((6.0, 0.8, 2.0), (12.2, -0.7, 1.0), (25.0, -0.6, 1.5), (31, 0.5, 2)):
+        ramps = np.minimum((at_s - begin) / 0.35, (begin + lasts - at_s) / 0.35)
+        totals += 0.01 * np.cumsum(rate * np.clip(ramps, 0.0, 1.0))
+    gyro = IntegratedMotion(
+        "/imu", (1e9 * at_s).round().astype(np.int64), totals[:, None], np.array([1e-5])
+    )
+    first_s = np.repeat(np.arange(1.0, 40.0, 0.2), 2)
+    rng, sigmas = np.random.default_rng(3), []
+    nearer = 1.0 + 0.2 * rng.random(20)[(first_s // 2.0).astype(int)]
+    turned_rad = np.interp(first_s + 0.1, at_s, totals) - np.interp(first_s, at_s, totals)
+    turned_rad = gain * nearer * turned_rad + rng.normal(0.0, 2e-4, first_s.size)
+    wild = rng.random(first_s.size) < wild_share
+    turned_rad[wild] = rng.uniform(-0.5, 0.5, wild.sum())
+    for delay_s in (0.0, 0.3):
+        seen = SeenTurns(
+            (1e9 * (first_s + delay_s)).astype(np.int64),
+            (1e9 * (first_s + delay_s + 0.1)).astype(np.int64),
+            turned_rad,
+            np.tile([0.25, 0.75], first_s.size // 2),
+            np.repeat(np.arange(first_s.size // 2), 2),
+        )
+        leans = SeenLeans(np.zeros(0, np.int64), np.zeros(0))
+        assert fit_turns(seen, leans, replace(gyro, totals=np.zeros((4200, 1)))) is None
+        fit = fit_turns(seen, leans, gyro)
+        assert fit is not None
+        assert abs(fit.delay_s[0] - delay_s) < 2.5 * fit.delay_s[1] < 0.1
+        assert abs((1.0 + fit.gain[0]) / gain - 1.1) < 0.1
+        sigmas.append(fit.delay_s[1])
+    assert sigmas[0] == pytest.approx(sigmas[1], rel=1e-3)
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("delay_s", "readout_s"),

@@ -45,6 +45,10 @@ _BLOCK_S, _FEWEST_BLOCKS = 2.0, 6
 """Images of one view have the lean of that view in common: views count, not images. Straight on, a
 view lasts so long at most."""
 _LEAST_SCATTER_RAD = 1e-6
+_VARIED = 3.0
+"""Times the scatter of all images is that of those in turns at most, each of which sees another
+view: along corridors it is 3.5 times. Beyond that most of a turn sees things that lean, such as a
+slanted pattern, by which 0 ms would be 190 and 370."""
 _ROUNDS = 15
 _STRAIGHT_RAD_S = 0.1
 """Turns that are slower lean things by a shutter of 30 ms by 0.2 degrees."""
@@ -199,7 +203,8 @@ def fit_readout(
         inverse = np.linalg.pinv(by.T @ A)
         values = inverse @ (by.T @ leans_rad)
         apart = leans_rad - A @ values
-        weight = biweights(apart, scatter_where_it_tells(apart, tells, _LEAST_SCATTER_RAD))
+        sigma_rad = scatter_where_it_tells(apart, tells, _LEAST_SCATTER_RAD, _VARIED)
+        weight = biweights(apart, sigma_rad)
     if abs(values[1]) > np.median(np.diff(np.sort(times_s))):
         return None
     scores = np.zeros((count, 2))

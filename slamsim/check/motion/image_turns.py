@@ -21,9 +21,14 @@ from slamsim.cameras.lens import CameraModel
 from slamsim.cameras.survey import CameraSurvey
 from slamsim.check.motion.image_leans import SeenLeans, fit_readout, views, wider_by_few
 from slamsim.check.motion.integrated import IntegratedMotion
-from slamsim.check.motion.robust import biweights, scatter, scatter_where_it_tells, tukey_weights
+from slamsim.check.motion.robust import (
+    biweights,
+    scatter,
+    scatter_where_it_tells,
+    tukey_weights,
+    weighed_median,
+)
 from slamsim.core.geometry import wrap_angle
-from slamsim.core.quantiles import SIGMAS_PER_MEDIAN
 from slamsim.core.types import BoolArray, Float32Array, FloatArray, IntArray
 
 FEWEST_PAIRS = 20
@@ -57,11 +62,6 @@ _READOUT_S, _READOUT_SIGMA_S = 0.015, 0.015
 """From the first row to the last, before leans are looked at: a global shutter, or most of a period
 at 30 images a second."""
 _ROUNDS = 12
-_WILD = 4.0
-"""Standard deviations from which on it does not matter how far off a turn is."""
-_GAINS = np.linspace(0.8, 1.4, 7)
-"""Times the turn of the robot by which images are looked for: what is near seems to turn faster by
-a fifth (``rooms``)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -214,7 +214,7 @@ def _robust(A: FloatArray, b: FloatArray) -> tuple[FloatArray, BoolArray]:
 
 
 def fit_turns(seen: SeenTurns, leans: SeenLeans, other: IntegratedMotion) -> TurnFit | None:
-    """None where too few images turn."""
+    """None where too few images turn, or the other stream hardly does."""
     column = other.totals.shape[1] - 1
     first_s = 1e-9 * (seen.first_ns - other.origin_ns).astype(np.float64)
     second_s = 1e-9 * (seen.second_ns - other.origin_ns).astype(np.float64)
@@ -228,9 +228,7 @@ def fit_turns(seen: SeenTurns, leans: SeenLeans, other: IntegratedMotion) -> Tur
     )
     if np.unique(table.pair).size < FEWEST_PAIRS:
         return None
-    if np.abs(table.turned_rad).sum() < 2.0 * LEAST_TURNED_RAD:
-        return None
-    return table.fitted()
+    return table.fitted() if table.turns() else None
 
 
 def _covered(leans: SeenLeans, other: IntegratedMotion) -> tuple[FloatArray, FloatArray]:
@@ -263,6 +261,11 @@ class _Table:
     leant_s: FloatArray
     leans_rad: FloatArray
 
+    def turns(self) -> bool:
+        """Whether there is anything to compare; each pair of images counts by its halves."""
+        either_rad = np.abs([self.turned_rad, self._told(0.0)]).sum(axis=1)
+        return bool(either_rad.min() >= 2.0 * LEAST_TURNED_RAD)
+
     def fitted(self) -> TurnFit | None:
         coarse = self._coarse()
         if coarse is None:
@@ -271,34 +274,38 @@ class _Table:
         for _ in range(_ROUNDS):
             readout = self._readout(values)
             believed_s, sigma_s = _believed(readout)
+            known_s = np.array([_SEARCHED_S, np.inf, np.inf, sigma_s])
             A, apart, weight = self._equations(values)
             by = A * weight[:, None]
-            H, g = by.T @ A, by.T @ apart
-            prior = np.square(scatter(apart, _LEAST_SCATTER_RAD) / sigma_s)
-            H[3, 3] += prior
-            g[3] += prior * (believed_s - values[3])
+            prior = np.square(scatter(apart, _LEAST_SCATTER_RAD) / known_s)
+            H, g = by.T @ A + np.diag(prior), by.T @ apart
+            g[3] += prior[3] * (believed_s - values[3])
             values = values + np.linalg.lstsq(H, g, rcond=1e-12)[0]
         if abs(values[0]) > _SEARCHED_S or not weight.any():
             return None
         weighed = apart * weight
-        sigmas = np.sqrt(np.diag(self._covariance(A, weighed, self.pair, H, sigma_s)))
-        delay_sigma_s = max(float(sigmas[0]), self._delay_sigma_s(A, weighed, H, sigma_s))
+        by_pair = self._covariance(A, weighed, self.pair, H, known_s)
+        sigmas = np.sqrt(np.diag(by_pair))
+        at_s = self._middles(0.5 * (self.first_s + self.second_s), values)
+        view, turns = views(at_s, self._rate(at_s))
+        by_view = self._covariance(A, weighed, view, H, known_s)
+        delay_sigma_s = max(float(sigmas[0]), _by_turns(float(by_view[0, 0]), turns))
         return TurnFit(
             (float(values[0]), delay_sigma_s),
             (float(values[1]), float(sigmas[1])),
             readout,
-            self._rate(self._leant_at(values)),
+            self._rate(self._middles(self.leant_s, values)),
             int(np.unique(self.pair).size),
         )
 
     def _readout(self, values: FloatArray) -> tuple[float, float] | None:
         """By leans, with what is known of the delay."""
-        at_s = self._leant_at(values)
+        at_s = self._middles(self.leant_s, values)
         return fit_readout(self.leans_rad, at_s, self._rate(at_s))
 
-    def _leant_at(self, values: FloatArray) -> FloatArray:
+    def _middles(self, stamps_s: FloatArray, values: FloatArray) -> FloatArray:
         """(n,) when the middle rows were exposed."""
-        return np.asarray(self.leant_s - values[0] + 0.5 * values[3])
+        return np.asarray(stamps_s - values[0] + 0.5 * values[3])
 
     def _equations(self, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """(n, 4) of delay, gain, bias and readout, (n,) what is unexplained, (n,) weights."""
@@ -310,66 +317,68 @@ class _Table:
         lasts = self.second_s - self.first_s
         apart = self.turned_rad - (1.0 + gain) * told - bias * lasts
         A = np.column_stack([-change, told, lasts, change * self.rows])
-        sigma_rad = scatter_where_it_tells(apart, np.square(self.turned_rad), _LEAST_SCATTER_RAD)
+        sigma_rad = scatter_where_it_tells(apart, np.square(told), _LEAST_SCATTER_RAD)
         return A, apart, biweights(apart, sigma_rad)
 
-    def _delay_sigma_s(
-        self, A: FloatArray, weighed: FloatArray, H: FloatArray, sigma_s: float
-    ) -> float:
-        """By turns: what is near on one side moves as if it turned all through one of them."""
-        middles_s = 0.5 * (self.first_s + self.second_s)
-        view, turns = views(middles_s, self._rate(middles_s))
-        if turns < 2:
-            return _SEARCHED_S
-        sigma = float(np.sqrt(self._covariance(A, weighed, view, H, sigma_s)[0, 0]))
-        return min(sigma * wider_by_few(turns), _SEARCHED_S)
-
     def _covariance(
-        self, A: FloatArray, weighed: FloatArray, block: IntArray, H: FloatArray, sigma_s: float
+        self,
+        A: FloatArray,
+        weighed: FloatArray,
+        block: IntArray,
+        H: FloatArray,
+        known_s: FloatArray,
     ) -> FloatArray:
-        """(4, 4) by blocks (n,) that err together (sandwich), with what is known of the readout."""
+        """(4, 4) by blocks (n,) that err together (sandwich), with how surely each number was known
+        before (4,)."""
         _, place = np.unique(block, return_inverse=True)
         summed = np.zeros((int(place.max()) + 1, 4))
         np.add.at(summed, place, A * weighed[:, None])
         inverse = np.linalg.pinv(H, rcond=1e-12)
         found = inverse @ (summed.T @ summed) @ inverse
-        prior = inverse[:, 3:] * scatter(weighed, _LEAST_SCATTER_RAD) ** 2 / sigma_s
+        prior = inverse * scatter(weighed, _LEAST_SCATTER_RAD) ** 2 / known_s
         return np.asarray(found + prior @ prior.T)
 
     def _coarse(self) -> tuple[float, float] | None:
-        """The delay with which turns are most alike, and the gain: -2 of images that are upside
-        down or mirrored, and so turn the other way. None where they may as well be late."""
+        """The delay with which turns are most alike, and the gain, less one: below -1 of images
+        that are upside down or mirrored, and so turn the other way. None where they may as well be
+        late."""
         delays = np.arange(-_SEARCHED_S, _SEARCHED_S + 1e-6, _SEARCH_STEP_S)
         told = [self._told(delay + 0.5 * _READOUT_S) for delay in delays]
         same, against = (
-            np.array([np.median(np.abs(self.turned_rad - sign * each)) for each in told])
+            np.array([_alike(self.turned_rad, sign * each) for each in told]).T
             for sign in (1.0, -1.0)
         )
-        if against.min() < _PLAINLY * same.min():
-            best = int(np.argmin(against))
-            late = self._is_rather_late(np.abs(self.turned_rad + told[best]))
-            return None if late else (float(delays[best]), -2.0)
-        left = [self._left_over(each, same.min()) for each in told]
-        return float(delays[int(np.argmin(left))]), 0.0
+        best = int(np.argmin(against[0]))
+        gain, turns_rad = float(against[1, best]), told[best]
+        if self._is_against(gain, turns_rad, told[int(np.argmin(same[0]))]):
+            is_late = self._is_rather_late(gain, turns_rad)
+            return None if is_late else (float(delays[best]), -1.0 - gain)
+        best = int(np.argmin(same[0]))
+        return float(delays[best]), float(same[1, best]) - 1.0
 
-    def _left_over(self, told_rad: FloatArray, median_rad: float) -> float:
-        """What turns (n,), made larger or smaller as a whole, leave of those seen: squared, as far
-        as ``_WILD`` times the scatter. The median of all is that of straight driving, which fits
-        any delay."""
-        most_rad = _WILD * max(SIGMAS_PER_MEDIAN * median_rad, _LEAST_SCATTER_RAD)
-        left_rad = self.turned_rad - np.outer(_GAINS, told_rad)
-        return float(np.square(np.minimum(np.abs(left_rad), most_rad)).sum(axis=1).min())
+    def _is_against(
+        self,
+        gain: float,
+        turns_rad: FloatArray,
+        same_rad: FloatArray,
+        known: BoolArray | slice = slice(None),
+    ) -> bool:
+        """Whether turns (n,) the other way, times a gain, leave plainly less of those seen where
+        they turn than turns (n,) the same way do."""
+        seen_rad, counts = self.turned_rad[known], np.abs(turns_rad[known])
+        against_rad = np.abs(seen_rad + gain * turns_rad[known])
+        left_rad = np.abs(seen_rad - _alike(seen_rad, same_rad[known])[1] * same_rad[known])
+        return weighed_median(against_rad, counts) < _PLAINLY * weighed_median(left_rad, counts)
 
-    def _is_rather_late(self, against_rad: FloatArray) -> bool:
+    def _is_rather_late(self, gain: float, turns_rad: FloatArray) -> bool:
         """Whether turns the same way, farther off than is searched, leave not plainly more than
-        those against (n,): a robot that weaves turns the other way half a period later."""
+        those (n,) against: a robot that weaves turns the other way half a period later."""
         for delay_s in np.arange(-_LATEST_S, _LATEST_S + 1e-6, _SEARCH_STEP_S).tolist():
             shift_s = delay_s + 0.5 * _READOUT_S
             known = self.other.covers(self.first_s - shift_s, self.second_s - shift_s)
             if 2 * int(known.sum()) < known.size:
                 continue
-            same_rad = np.abs(self.turned_rad - self._told(shift_s))[known]
-            if np.median(against_rad[known]) >= _PLAINLY * np.median(same_rad):
+            if not self._is_against(gain, turns_rad, self._told(shift_s), known):
                 return True
         return False
 
@@ -381,3 +390,20 @@ class _Table:
 
     def _rate(self, at_s: FloatArray) -> FloatArray:
         return (self._turned(at_s + 0.005) - self._turned(at_s - 0.005)) / 0.01
+
+
+def _alike(seen_rad: FloatArray, told_rad: FloatArray) -> tuple[float, float]:
+    """What turns (n,) leave of those seen, times the gain from 0 on that leaves least, and the
+    gain. By absolute values, which wild turns hardly move; straight driving leaves as much whatever
+    is told."""
+    ratios = np.divide(seen_rad, told_rad, out=np.zeros(told_rad.size), where=told_rad != 0.0)
+    gain = max(weighed_median(ratios, np.abs(told_rad)), 0.0)
+    return float(np.abs(seen_rad - gain * told_rad).sum()), gain
+
+
+def _by_turns(variance_s2: float, turns: int) -> float:
+    """Standard deviation of a delay that so many turns tell: what is near on one side moves as if
+    it turned all through one of them."""
+    if turns < 2:
+        return _SEARCHED_S
+    return min(float(np.sqrt(variance_s2)) * wider_by_few(turns), _SEARCHED_S)

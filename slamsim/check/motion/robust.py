@@ -11,11 +11,6 @@ _TUKEY = 4.0
 """Standard deviations from which on an error has no weight: of normal errors some 91 % as efficient
 as least squares (4.7 give 95 %)."""
 
-_VARIED = 3.0
-"""Times the scatter of all images is that of those in turns at most, each of which sees another
-view: leans along corridors scatter by 3.5 times. Beyond that most of a turn sees things that lean,
-such as a slanted pattern, by which shutters of 0 ms would be 190 and 370."""
-
 
 def scatter(apart: FloatArray, least: float) -> float:
     """The standard deviation of errors (n,) by the median of their size, which wild ones hardly
@@ -28,12 +23,14 @@ def scatter_of_some(apart: FloatArray, counts: FloatArray, least: float) -> floa
     return max(SIGMAS_PER_MEDIAN * weighed_median(np.abs(apart), counts), least)
 
 
-def scatter_where_it_tells(apart: FloatArray, tells: FloatArray, least: float) -> float:
+def scatter_where_it_tells(
+    apart: FloatArray, tells: FloatArray, least: float, most: float = np.inf
+) -> float:
     """``scatter`` of errors (n,) of a robot that mostly goes straight: by how much each ``tells``
-    (n,), from that of all to ``_VARIED`` times it. By straight driving, in which all images look
-    the same, its few turns would be wild, and it is these that tell."""
+    (n,), from that of all to ``most`` times it. By straight driving, in which all images look the
+    same, its few turns would be wild, and it is these that tell."""
     alike = scatter(apart, least)
-    return float(np.clip(scatter_of_some(apart, tells, least), alike, _VARIED * alike))
+    return float(np.clip(scatter_of_some(apart, tells, least), alike, most * alike))
 
 
 def weighed_median(values: FloatArray, counts: FloatArray) -> float:

@@ -202,7 +202,8 @@ def turn_fit_of(
     except BadNumbers as error:
         return None, f"its CameraInfo cannot be right: {error}"
     few = f"fewer than {FEWEST_PAIRS} pairs of successive images show features"
-    seen = f"{few}, or they show turns of less than {LEAST_TURNED_RAD:g} rad altogether"
+    least = f"less than {LEAST_TURNED_RAD:g} rad altogether"
+    seen = f"{few}, or they or {other.topic} show turns of {least}"
     return fit, "" if fit is not None else f"{seen}; what would tell: turns and texture"
 
 
