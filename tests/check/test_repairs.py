@@ -202,6 +202,16 @@ def test_beams_that_fire_the_other_way_keep_their_directions_and_swap_their_time
     assert timed.layouts[0].beam_dt_s == pytest.approx(0.001)
 
 
+def test_times_that_are_wrongly_negative_keep_their_stamp() -> None:
+    """The beams were turned round as well, and the first one of them had the stamp of the last."""
+    layout = MADE.scans[0].layouts[0]
+    before = replace(layout, beam_dt_s=-layout.beam_dt_s)
+    made = _scans(MADE, layouts=(before,))
+    found = _repaired(made, "scale_beam_times", "/scan", factor=-1.0).scans[0]
+    assert found.layouts == (layout,)
+    np.testing.assert_array_equal(found.ranges_m, MADE.scans[0].ranges_m)
+
+
 @pytest.mark.parametrize("heading_from", ["/imu", "/odom", "/ticks"])
 def test_rays_fixed_to_the_world_are_turned_with_the_robot(heading_from: str) -> None:
     ticks = replace(MADE.ticks[0], track_m=0.07854)  # turns at 0.2 rad/s, as the others say

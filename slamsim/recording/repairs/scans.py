@@ -140,9 +140,15 @@ def negate_angles(recording: Recording, repair: Repair) -> Edit:
 def scale_beam_times(recording: Recording, repair: Repair) -> Edit:
     """Multiply the time between beams by factor; below 0 the last beam of the message is first.
 
-    ROS has no negative times: beams are then written in the order in which they fire.
+    Hardly a reader expects negative times: beams are then written in the order in which they fire.
+    Of times that are declared as negative the sign alone is wrong.
     """
     scans, factor = repair.target(RawScans), repair.number("factor")
+    layouts = [
+        one for each in recording.scans if each.topic == repair.subject for one in each.layouts
+    ]
+    if any(layout.beam_dt_s < 0.0 for layout in layouts):
+        return ScaleBeamTimes(scans, factor)
     return _in_firing_order(ScaleBeamTimes(scans, abs(factor)), factor)
 
 
