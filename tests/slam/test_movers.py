@@ -151,3 +151,12 @@ def test_two_legs_are_one_thing() -> None:
     y_m = cloud.points_m[first, 1]
     assert y_m.min() < -0.1 and y_m.max() > 0.1
     assert np.all(np.abs(cloud.points_m[first, 0] - 0.96) < 0.15)
+
+
+def test_a_person_ends_where_nothing_comes_back() -> None:
+    """Between him and the wall beside him the corridor is longer than the range."""
+    cloud = seen(np.concatenate([CORRIDOR, person(3.0)]), np.zeros(3), 1)
+    near = cloud.select(np.hypot(*cloud.points_m.T) < 4.0)
+    first = next(_compact_things(near))
+    assert first.sum() > 5
+    assert np.all(np.hypot(*(near.points_m[first] - [3.0, 0.0]).T) < 0.4)

@@ -220,7 +220,8 @@ def _numbered(points_m: FloatArray, origins_m: FloatArray) -> IntArray:
     beams_m = points_m - origins_m
     turn_rad = np.abs(np.diff(np.unwrap(np.arctan2(beams_m[:, 1], beams_m[:, 0]))))
     apart_m = np.hypot(*np.diff(points_m, axis=0).T)
-    spacing_m = np.hypot(*beams_m[1:].T) * turn_rad
+    # The usual turn: where nothing comes back over many beams, what is beside ends all the same.
+    spacing_m = np.hypot(*beams_m[1:].T) * np.median(turn_rad)
     is_next = apart_m > np.maximum(GAP_M, GAP_BEAMS * spacing_m)
     number = np.concatenate([[0], np.cumsum(is_next)])
     if number[-1] > 0 and np.hypot(*(points_m[0] - points_m[-1])) <= GAP_M:
