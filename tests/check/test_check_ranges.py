@@ -367,6 +367,23 @@ def test_of_two_units_that_fit_the_limits_the_way_driven_chooses(
     assert [unit.repairs[0].parameters["factor"] for unit in units] == [factor]
 
 
+@pytest.mark.parametrize("clipped", [True, False])
+def test_noise_about_no_return_is_told_and_left_out_whole(clipped: bool) -> None:
+    """The walls of the room are up to 3.35 m away, of which the lidar sees 2.5 m."""
+    whole, layout = room(), replace(LAYOUT, range_max_m=2.5)
+    nothing = whole > 2.5
+    noise = 0.02 * np.random.default_rng(1).standard_normal(whole.shape)
+    ranges = np.where(nothing, 2.5 + noise, whole).astype(np.float32)
+    if clipped:
+        ranges = np.minimum(ranges, np.float32(2.5))
+    made = recorded(ranges, layout)
+    told = [one for one in range_findings(made) if one.verdict == "fault"]
+    assert [one.fault for one in told] == ["range_max_no_return"]
+    fixed = apply_repairs(made, told[0].repairs).scans[0].ranges_m
+    assert np.isinf(fixed[nothing]).mean() > 0.999
+    assert np.isfinite(fixed[whole < 2.35]).all()
+
+
 @pytest.mark.parametrize("value_m", [30.0, 29.99])
 def test_beams_that_stand_alone_at_one_value_are_a_code_and_not_stray(value_m: float) -> None:
     """Too few in a scan for a code to be told from surfaces by how often it comes."""

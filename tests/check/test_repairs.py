@@ -164,10 +164,10 @@ def test_ranges_are_put_back(operation: str, parameters: dict[str, float], corru
 
 def test_codes_for_nothing_become_infinite() -> None:
     ranges_m = _ranges(MADE).astype(np.float32)
-    ranges_m[:, 3], ranges_m[:, 5] = 0.0, 29.5
+    ranges_m[:, 3], ranges_m[:, 5], ranges_m[0, 5] = 0.0, 29.5, 29.1
     made = _scans(MADE, ranges_m=ranges_m)
     made = _repaired(made, "zero_to_inf", "/scan")
-    made = _repaired(made, "value_to_inf", "/scan", value_m=29.5)
+    made = _repaired(made, "value_to_inf", "/scan", value_m=29.5, from_m=29.0)
     found = _ranges(_repaired(made, "drop_beams", "/scan", first=10.0, last=12.0))
     assert np.isinf(found[:, [3, 5]]).all() and np.isnan(found[:, 10:13]).all()
     np.testing.assert_array_equal(found[:, 20:], ranges_m[:, 20:])

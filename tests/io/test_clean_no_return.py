@@ -87,6 +87,37 @@ def test_readings_that_stand_out_below_the_declared_maximum_are_a_code() -> None
     assert surfaces.max() < limit.maximum_m(20.0) <= readings[nothing].min()
 
 
+def corridor(noise_m: float, maximum_m: float = 3.5) -> tuple[Float32Array, FloatArray]:
+    """Readings down a corridor, with maximum_m where nothing is as near; noise on all of them."""
+    poses = along(300, 0.04)
+    nearest = np.minimum(box(poses, (40.0, 2.0)), maximum_m)
+    return written(nearest, noise_m, 0.0), poses[:, :2]
+
+
+@pytest.mark.parametrize("clipped", [True, False])
+@pytest.mark.parametrize("noise_m", [0.005, 0.02, 0.05])
+def test_noise_about_no_return_is_no_surface(clipped: bool, noise_m: float) -> None:
+    """Half of such readings fall short of the maximum, and would be walls that drive along."""
+    readings, positions = corridor(noise_m)
+    nothing = box(along(300, 0.04), (40.0, 2.0)) > 3.5
+    if clipped:
+        readings = np.minimum(readings, np.float32(3.5))
+    limit = find_limit(readings, STEP_RAD, 3.5, positions)
+    assert limit.codes[0].is_noisy and limit.beyond == 0.0
+    assert 3.5 - 8.0 * noise_m < limit.maximum_m(3.5) <= 3.5 - 3.5 * noise_m
+    assert np.mean(readings[nothing] >= limit.maximum_m(3.5)) > 0.999
+
+
+@pytest.mark.parametrize("lost_share", [0.0, 0.3, 0.6])
+def test_surfaces_that_the_range_cuts_off_are_no_noise_about_it(lost_share: float) -> None:
+    """A wall that is as far as a lidar sees, which loses many returns, beside what is too far."""
+    true = box(along(400, 0.04), (40.0, 6.6))
+    readings = np.minimum(np.where(true < 3.5, written(true, 0.01, 0.001), 3.5), 3.5)
+    readings[np.random.default_rng(7).random(readings.shape) < lost_share] = 3.5
+    limit = find_limit(readings.astype(np.float32), STEP_RAD, 3.5)
+    assert not any(code.is_noisy for code in limit.codes)
+
+
 def test_a_wall_at_the_end_of_the_range_seen_through_gaps_is_no_code() -> None:
     """Posts and legs of chairs 1.5 m away hide much of a wall along which the robot drives."""
     poses = along(400, 0.04)

@@ -18,6 +18,10 @@ two much nearer ones, which are no part of such a surface. A surface that is see
 wherever the robot drives in the last quarter of a percent of the range, would be lost.
 
 Surfaces alone are taken for a code with a probability below ``FALSE_ALARM``.
+
+Simulators add noise to the maximum that stands for no return. Half of such readings fall short of
+it, by the noise of the lidar; where both beams beside one return nothing, every second one does,
+which no surface makes.
 """
 
 from __future__ import annotations
@@ -46,6 +50,14 @@ readings that stand out."""
 STANDS_OUT = 0.9
 """Both neighbours of a reading that stands out are nearer than this share of it: a surface of all
 three would slant by more than 80 degrees even where beams are a degree apart."""
+LEAST_SHORT, LEAST_SHORT_SHARE = 20, 0.25
+"""Of the beams between two that return nothing, so many and such a share fall short where noise is
+added to no return, which makes a half. Surfaces that are cut off by the range, or lose most of
+their returns, make some per cent: the rest of the view returns nothing at all."""
+MOST_NOISE, NOISE_SIGMAS = 0.03, 5.0
+"""Of the range; no lidar has more noise. Of readings that fall short, one in two million does so by
+more than so many sigmas."""
+HALF_NORMAL_MEDIAN = 0.6745
 LEAST_BEYOND, MAX_BEYOND, MOST_BEYOND = 20, 2e-3, 0.5
 """A declared maximum is wrong if so many readings exceed it and more than the first share: fewer
 are rounding. If more than the second share do, the unit is wrong."""
@@ -59,11 +71,13 @@ _LOG_LEVEL = math.log(FALSE_ALARM / (2 * 2 * (HALVINGS + 2) * 25))
 
 @dataclass(frozen=True, slots=True)
 class Code:
-    """Readings from lowest_m to highest_m mean no return; count of them in the sample."""
+    """Readings from lowest_m to highest_m mean no return; count of them in the sample. is_noisy:
+    whether they do because noise is added to what stands for no return."""
 
     lowest_m: float
     highest_m: float
     count: int
+    is_noisy: bool = False
 
     def __str__(self) -> str:
         lowest = "" if self.lowest_m == self.highest_m else f"{self.lowest_m:.6g} to "
@@ -152,6 +166,11 @@ def find_limit(
     with np.errstate(over="ignore"):
         declared_m = float(np.float32(declared_m))
     codes, surfaces = _peeled(readings, declared_m)
+    noisy = _noisy(readings, min([declared_m, *(code.lowest_m for code in codes[:1])]))
+    if noisy is not None:
+        below = readings.of_those(readings.values < noisy.lowest_m)
+        codes = [noisy, *_peeled(below, declared_m)[0]]
+        return RangeLimit(tuple(codes), 0.0, codes[-1].lowest_m)
     beyond = _beyond(surfaces.values, declared_m)
     if beyond:
         largest_m = np.float32(surfaces.values.max())
@@ -199,6 +218,31 @@ class _Readings:
         """The same readings without some."""
         names = ("values", "scan", "beam", "stands_out")
         return replace(self, **{name: getattr(self, name)[which] for name in names})
+
+    def are_beside(self, which: BoolArray) -> BoolArray:
+        """(n,) whether both beams beside a reading are some of those."""
+        beside = (np.diff(self.beam) == 1) & (np.diff(self.scan) == 0)
+        after, before = np.zeros((2, self.values.size), dtype=np.bool_)
+        after[:-1] = beside & which[1:]
+        before[1:] = beside & which[:-1]
+        return after & before
+
+
+def _noisy(readings: _Readings, top_m: float) -> Code | None:
+    """The code that noise about top_m makes, if that stands for no return; None if it does not."""
+    nothing = readings.values >= top_m
+    between = readings.are_beside(nothing)
+    short_m = top_m - readings.values[between & ~nothing]
+    short_m = short_m[short_m < NOISE_SIGMAS * MOST_NOISE * top_m]
+    if short_m.size < LEAST_SHORT:
+        return None
+    reach_m = NOISE_SIGMAS * float(np.median(short_m)) / HALF_NORMAL_MEDIAN
+    count = int((short_m < reach_m).sum())
+    share = count / (count + int((between & nothing).sum()))
+    if share < LEAST_SHORT_SHARE or reach_m > NOISE_SIGMAS * MOST_NOISE * top_m:
+        return None
+    inside = readings.values[readings.values >= top_m - reach_m]
+    return Code(float(inside.min()), float(inside.max()), int(inside.size), is_noisy=True)
 
 
 def _stands_out(values: FloatArray, scan: IntArray, beam: IntArray) -> BoolArray:

@@ -51,9 +51,11 @@ def zero_to_inf(recording: Recording, repair: Repair) -> Edit:
 
 
 def value_to_inf(recording: Recording, repair: Repair) -> Edit:
-    """Write no return as infinity where it is value_m."""
+    """Write no return as infinity where it is value_m; from from_m on, where noise is added."""
     value_m = repair.number("value_m")
     tolerance_m = _SAME_VALUE * max(abs(value_m), 1.0)
+    if "from_m" in repair.parameters:
+        tolerance_m += value_m - repair.number("from_m")
     return DecodeNoReturn(repair.target(RawScans), value_m, tolerance_m)
 
 

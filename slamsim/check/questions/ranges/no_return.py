@@ -53,27 +53,43 @@ def check_no_return(topic: str, sample: ScanSample, maximum_is_usual: bool) -> F
     if code is None:
         return judge(NO_RETURN, topic, "no return is not written as a distance", verdict="ok")
     value_m, count = _most_frequent(sample, code)
+    parameters: dict[str, float | str] = {"value_m": value_m}
+    are = f"{count} readings of {len(sample.scans)} scans are exactly {value_m:g} m"
+    if code.is_noisy:
+        value_m = code.highest_m
+        parameters = {"value_m": value_m, "from_m": code.lowest_m}
+        are = f"{code.count} readings of {len(sample.scans)} scans are {code}"
     return judge(
         NO_RETURN,
         topic,
-        f"{count} readings of {len(sample.scans)} scans are exactly {value_m:g} m, far more "
-        "than just below: a code for nothing, inside the declared limits",
+        f"{are}, far more than just below: a code for nothing, inside the declared limits",
         Measurement(value_m, 0.0, "m"),
         verdict="fault",
         fault=MAXIMUM,
         advice="Write inf where nothing came back (REP 117), or a wall grows there.",
-        repairs=(Repair("value_to_inf", topic, {"value_m": value_m}),),
+        repairs=(Repair("value_to_inf", topic, parameters),),
         plots=(_histogram(topic, sample),),
     )
 
 
 def _code_for_nothing(sample: ScanSample) -> Code | None:
     """Largest readings, within the limits, that surfaces would not repeat as often."""
-    codes = find_limit(sample.ranges_m, sample.layout.angle_step_rad, np.inf).codes
-    code = codes[0] if codes else _repeated_alone(sample)
-    if code is None or _most_frequent(sample, code)[1] < MIN_COUNT:
+    code = _code_of_driver(sample)
+    if code is None or not (code.is_noisy or _most_frequent(sample, code)[1] >= MIN_COUNT):
         return None
     return code if code.lowest_m <= sample.layout.range_max_m else None
+
+
+def _code_of_driver(sample: ScanSample) -> Code | None:
+    """The code of the largest readings: about the declared maximum, whatever exceeds it, or at any
+    distance."""
+    for declared_m in (sample.layout.range_max_m, np.inf):
+        if not declared_m > 0.0:
+            continue
+        codes = find_limit(sample.ranges_m, sample.layout.angle_step_rad, declared_m).codes
+        if codes and (codes[0].is_noisy or np.isinf(declared_m)):
+            return codes[0]
+    return _repeated_alone(sample)
 
 
 def _most_frequent(sample: ScanSample, code: Code) -> tuple[float, int]:
