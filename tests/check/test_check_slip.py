@@ -9,7 +9,9 @@ import pytest
 from calibration_example import T_BASE_LASER, Robot
 
 from slamsim.check.calibration.joint import Calibration, calibrate_inputs
+from slamsim.check.calibration.model import PATH_GAIN, TURN_GAIN
 from slamsim.check.calibration.slip_beams import _plainly_fewer, mistaken_scans
+from slamsim.check.calibration.slipping import find_spells
 from slamsim.check.motion.inputs import from_above
 from slamsim.check.motion.integrated import integrated_wheels
 from slamsim.check.questions.wheels.slip import check_slip
@@ -95,3 +97,29 @@ def test_few_beams_that_mostly_fit_the_scans_leave_a_slip_told(
 ) -> None:
     """The first are of people ahead, the last two of a corridor with 120 beams."""
     assert _plainly_fewer(for_scans, for_wheels) is fewer
+
+
+def test_wheels_that_are_fitted_with_no_size_do_not_stand() -> None:
+    """As where most scans of a corridor see no motion, and some do."""
+    inputs = Robot(seed=3).inputs()
+    moved = inputs.steps.T_first_second.copy()
+    moved[:300] *= 1e-4
+    moved[340:] *= 1e-4
+    fitted = calibrate_inputs(inputs)
+    assert fitted is not None
+    values = fitted.fit.values.copy()
+    values[PATH_GAIN], values[TURN_GAIN] = 1e-4, 1e-4
+    fitted.model.steps = replace(inputs.steps, T_first_second=moved)
+    assert not find_spells(fitted.model, values).frozen.any()
+
+
+def test_wheels_stand_where_they_report_no_motion() -> None:
+    robot = Robot(seed=3)
+    ticks = robot.ticks()
+    turned = np.diff(ticks.ticks, axis=0)
+    turned[700:900] = 0
+    counted = np.vstack([ticks.ticks[:1], ticks.ticks[0] + np.cumsum(turned, axis=0)])
+    wheels = integrated_wheels(replace(ticks, ticks=counted.astype(np.int64)))
+    fitted = calibrate_inputs(replace(robot.inputs(), wheels=wheels))
+    assert fitted is not None and fitted.spells is not None
+    assert fitted.spells.frozen.any()

@@ -147,6 +147,13 @@ class Model:
         """(n, 3) motion of the laser by the wheels and (n,) its turn by the gyroscope."""
         return self._by_wheels(values, shifts_s[1]), self._by_gyro(values, shifts_s[0])
 
+    def reported(self, values: FloatArray) -> FloatArray:
+        """(n, 2) path and turn as the wheels report them, of whatever size they are fitted."""
+        if self.wheels is None:
+            return np.zeros((len(self.steps), 2))
+        start_s, end_s = self._wheel_times(values)
+        return np.asarray(self.wheels.at(end_s) - self.wheels.at(start_s))
+
     def residual(self, values: FloatArray, shifts_s: FloatArray = AS_TIMED) -> FloatArray:
         """(n, 4)."""
         T_wheels, turned = self.predicted(values, shifts_s)

@@ -65,7 +65,9 @@ def find_spells(model: Model, values: FloatArray) -> SlipSpells:
     least = np.maximum(np.array([LEAST_M, LEAST_RAD]), by_noise)
     limits = np.maximum(least, NOISE_SIGMAS * np.median(apart, axis=0) / 0.6745)
     off = (apart > limits) & (apart > LEAST_SHARE * extent)
-    still = np.abs(by_wheels) < STILL_SHARE * np.abs(by_scans)
+    # Wheels are fitted with a radius of 0 where scans err by more than they move.
+    rolled = np.maximum(np.abs(by_wheels), np.abs(_reported(model, values, covered, step_of)))
+    still = rolled < STILL_SHARE * np.abs(by_scans)
     moved = np.abs(by_scans) > np.array([MOVED_M, MOVED_RAD])
     frozen = (still & moved & off).any(axis=1) & (still | ~moved).all(axis=1)
     frozen &= _seconds(model.steps, step_of) > LEAST_S
@@ -89,6 +91,15 @@ def find_spells(model: Model, values: FloatArray) -> SlipSpells:
 def _seconds(steps: LaserSteps, step_of: IntArray) -> FloatArray:
     """(k,) how long the steps of each spell take."""
     return np.asarray(np.bincount(step_of, 1e-9 * (steps.second_ns - steps.first_ns)))
+
+
+def _reported(
+    model: Model, values: FloatArray, covered: BoolArray, step_of: IntArray
+) -> FloatArray:
+    """(k, 2) path and turn of each spell as the wheels report them."""
+    total = np.zeros((int(step_of.max(initial=-1)) + 1, 2))
+    np.add.at(total, step_of, np.where(covered[:, None], model.reported(values), 0.0))
+    return total
 
 
 def _turns_by_gyro(

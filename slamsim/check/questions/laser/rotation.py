@@ -99,12 +99,12 @@ def rotation_gains(inputs: Inputs) -> list[Gain]:
     """Against each of gyroscope and wheels that says enough."""
     yaw_rad = 0.0 if inputs.T_base_laser is None else float(inputs.T_base_laser[2])
     alignment = align(inputs.steps, inputs.gyro, inputs.wheels, yaw_rad)
-    gyro_ns, wheels_ns = alignment.lidar_gyro, alignment.lidar_wheels
     gains = [
-        turn_gain(inputs.steps, motion, column, shift)
+        # An offset of which nothing is clear compares turns with what was driven at another time.
+        turn_gain(inputs.steps, motion, column, shift if shift and shift.clear else None)
         for motion, column, shift in (
-            (inputs.gyro, 0, gyro_ns),
-            (alignment.wheels, 1, wheels_ns),
+            (inputs.gyro, 0, alignment.lidar_gyro),
+            (alignment.wheels, 1, alignment.lidar_wheels),
         )
         if motion is not None
     ]
