@@ -110,6 +110,21 @@ def test_a_lens_that_is_claimed_wrong_is_found(short: Driven) -> None:
         assert found.sigma(name) < 1.0
 
 
+def test_edges_that_are_all_seen_outwards_are_no_longer_focal_length(short: Driven) -> None:
+    """By 0.04 px for tags of 20 px, less for larger ones: twice what is seen in rendered worlds."""
+    corners_px = short.views.corners_px
+    from_middle = corners_px - corners_px.mean(axis=1, keepdims=True)
+    sides = np.linalg.norm(corners_px - np.roll(corners_px, 1, axis=1), axis=2).mean(axis=1)
+    outwards = 0.04 * np.minimum(1.0, np.square(20.0 / sides)) / (0.5 * sides)
+    moved = corners_px + outwards[:, None, None] * from_middle
+    views = replace(short.views, corners_px=moved)
+    found = fit_mount(views, SHORT.model, short.path, T_CLAIMED, free=USUAL_FREE | ALL_LENS)
+    off = errors(found, SHORT)
+    for name in ("fx_px", "fy_px"):
+        assert abs(off[name]) < 2.0 * found.sigma(name), name
+        assert found.sigma(name) < 0.7
+
+
 def test_sightings_under_a_wrong_number_count_for_little() -> None:
     seldom = driven(3, SPARSE)
     numbers = seldom.views.numbers.copy()

@@ -287,6 +287,22 @@ def test_a_laser_that_looks_elsewhere_is_found_where_it_is(yaw_rad: float) -> No
     assert abs(found.calibrated()["laser_yaw_rad"].value) <= np.pi
 
 
+def test_wheels_that_are_read_backward_are_told_beside_the_laser() -> None:
+    """The laser alone was told: to sit 0.24 m further back and to look the other way."""
+    log = healthy(0).log
+    assert log.odometry is not None
+    poses = log.odometry.poses
+    steps, backward = between(poses[:-1], poses[1:]), [poses[0]]
+    for step in steps * [-1.0, -1.0, 1.0]:
+        backward.append(compose(backward[-1], step))
+    odometry = PlanarTrajectory(log.odometry.stamps_ns, np.array(backward))
+    found = found_in(replace(log, odometry=odometry))
+    assert found.is_turned_round and found.corrected[3:].any()
+    (told,) = found.applied(log).warnings
+    assert "wheels are read backward" in told
+    assert not found_in(LaserErrors(yaw_rad=np.pi).of(log)).is_turned_round
+
+
 @pytest.mark.parametrize(("declared_x_m", "yaw_rad"), [(0.5, 0.0), (0.35, 0.0), (0.5, np.pi)])
 def test_a_laser_before_a_robot_that_drives_in_circles_is_found_where_it_is(
     declared_x_m: float, yaw_rad: float

@@ -36,16 +36,23 @@ from slamsim.perception.tag_pose import square_corners
 
 MOUNT = ("x_m", "y_m", "z_m", "roll_rad", "pitch_rad", "yaw_rad")
 CLOCK = ("late_s", "readout_s")
+EDGES = "edges_px"
+"""By how much all edges of small tags are seen too far outwards."""
 SURVEY = ("survey_x_m", "survey_y_m", "survey_yaw_rad")
 TETHERS = {
     **dict.fromkeys(MOUNT[:3], 1.0),
     **dict.fromkeys(MOUNT[3:], 1.0),
     **dict(zip(CLOCK, (1.0, 0.03), strict=True)),
     **dict.fromkeys(LENS, 100.0),
+    EDGES: 0.02,
     **dict.fromkeys(SURVEY, 100.0),
 }
 """Standard deviation of what nothing tells: no camera sits farther off, no clock is later, no
-shutter rolls longer than a period of 30 Hz, no robot drives in a larger place."""
+shutter rolls longer than a period of 30 Hz, no robot drives in a larger place. Edges: tags of 16 to
+20 px drawn on grey are seen 0.02 px too small, those of rendered worlds 0.02 px too large, by what
+lies behind their border and around them."""
+SMALL_PX = 20.0
+"""Side of a tag; edges of larger ones are off by less, 0.005 px at 30 px and nothing at 60."""
 DISTORTION_TETHER = 1.0
 HELD = 1e-9
 BLOCK_S = 2.0
@@ -69,7 +76,7 @@ class Drive:
     tag_of: (n,) which of the m tags each sighting shows. T_map_tag: (m, 4, 4). free: names of what
     is fitted beside the tags; the rest is held. path_sigmas: (5,) standard deviations of the path
     where an image was taken: along, across, turn, roll, pitch. away: (q,) sum of the steps of all
-    values but the tags'. T_survey_map: (3,). scale: see ``weigh``.
+    values but the tags'. T_survey_map: (3,). edges_px: see ``EDGES``. scale: see ``weigh``.
     """
 
     views: TagViews
@@ -85,12 +92,14 @@ class Drive:
     survey: Survey | None = None
     T_survey_map: FloatArray | None = None
     path_sigmas: FloatArray | None = None
+    edges_px: float = 0.0
     scale: float = 1.0
 
     @property
     def names(self) -> tuple[str, ...]:
         """Of all values but the tags'."""
-        return (*MOUNT, *CLOCK, *lens_names(self.model), *(() if self.survey is None else SURVEY))
+        survey = () if self.survey is None else SURVEY
+        return (*MOUNT, *CLOCK, *lens_names(self.model), EDGES, *survey)
 
     @property
     def at_s(self) -> FloatArray:
@@ -167,6 +176,7 @@ class Drive:
             readout_s=self.readout_s + float(step[7]),
             T_map_tag=T_map_tag,
             away=self._away()[: len(places)] + step[: len(places)],
+            edges_px=self.edges_px + float(step[places[EDGES]]),
             T_survey_map=T_survey_map,
         )
 
@@ -180,6 +190,7 @@ class Drive:
         in_base = _unturned(poses[:, 2], away)
         in_camera = (in_base - self.T_base_camera[:3, 3]) @ self.T_base_camera[:3, :3]
         pixels, seen = self.model.project(in_camera)
+        pixels = pixels + self.edges_px * _outwards(self.views.corners_px)
         off = pixels - self.views.corners_px.reshape(-1, 2)
         # What cannot be seen, or only far out, is off by so much, whichever way things move.
         seen &= (np.abs(off) < FARTHEST_OFF * self.model.width).all(axis=1)
@@ -208,6 +219,7 @@ class Drive:
                 -by_time[:, :, None],
                 (by_time * self.row_shares.ravel()[:, None])[:, :, None],
                 self._lens_slopes(in_camera),
+                np.where(near[:, None], _outwards(self.views.corners_px), 0.0)[:, :, None],
             ],
             axis=2,
         )
@@ -227,8 +239,7 @@ class Drive:
         return np.asarray(turned + T_map_tag[:, None, :3, 3])
 
     def _lens_slopes(self, in_camera: FloatArray) -> FloatArray:
-        lens = self.names[len(MOUNT) + len(CLOCK) :]
-        wanted = [k for k, name in enumerate(lens) if name in self.free and name not in SURVEY]
+        wanted = [k for k, name in enumerate(lens_names(self.model)) if name in self.free]
         return lens_slopes(self.model, in_camera, wanted)
 
     def path_errors(self) -> FloatArray:
@@ -265,11 +276,23 @@ class Drive:
     def _prior_sigmas(self) -> FloatArray:
         """(p,) of all values about where they began."""
         free = [
-            TETHERS.get(name, DISTORTION_TETHER) if name in self.free else HELD
+            TETHERS.get(name, DISTORTION_TETHER) if name in (*self.free, EDGES) else HELD
             for name in self.names
         ]
         tags = np.tile([10.0, 10.0, 10.0, 3.0, 3.0, 3.0], len(self.T_map_tag))
         return np.concatenate([free, tags])
+
+
+def _outwards(corners_px: FloatArray) -> FloatArray:
+    """(4 n, 2) by how many pixels corners (n, 4, 2) move where edges are seen a pixel outwards, of
+    tags larger than ``SMALL_PX`` less."""
+    after = np.roll(corners_px, -1, axis=1) - corners_px
+    lengths = np.linalg.norm(after, axis=2, keepdims=True)
+    normals = np.stack([after[..., 1], -after[..., 0]], axis=2) / lengths
+    before = np.roll(normals, 1, axis=1)
+    opening = 1.0 + (normals * before).sum(axis=2, keepdims=True)
+    shares = np.minimum(1.0, np.square(SMALL_PX / lengths.mean(axis=1, keepdims=True)))
+    return np.asarray((shares * (normals + before) / opening).reshape(-1, 2))
 
 
 def _unturned(yaw_rad: FloatArray, vectors: FloatArray) -> FloatArray:

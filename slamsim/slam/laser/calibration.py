@@ -85,6 +85,16 @@ class LaserCalibration:
         return bool(latest_s < 0.0 <= self.declared[SWEEP])
 
     @property
+    def is_turned_round(self) -> bool:
+        """Whether place and direction are the declared ones turned by 180 degrees about the base,
+        as those of a robot whose wheels are read backward; a laser that looks the other way stays
+        in its place."""
+        declared = self.declared[MOUNT]
+        off = self.values[MOUNT] - np.append(-declared[:2], declared[2] + np.pi)
+        off[2] = wrap_angle(off[2])
+        return bool(self.corrected[YAW] and (np.abs(off) < _SURE_SIGMAS * self.sigmas[MOUNT]).all())
+
+    @property
     def later_ns(self) -> int:
         """By how much the middle beam fired later than declared."""
         sweep_s = -self.used[SWEEP] if self.backward else self.used[SWEEP]
@@ -127,8 +137,8 @@ class LaserCalibration:
     def _warnings(self) -> list[str]:
         off = self.values - self.declared
         size, doubt = off * _UNITS, self.sigmas * _UNITS
-        told = []
-        for n in np.flatnonzero(self.corrected):
+        told = [_TURNED_ROUND] if self.is_turned_round else []
+        for n in np.flatnonzero(self.corrected[: MOUNT.start] if told else self.corrected):
             sentence, more, less = _WORDS[n]
             interval = as_interval(abs(float(size[n])), float(doubt[n]))
             if n == SWEEP and self.backward:
@@ -138,6 +148,11 @@ class LaserCalibration:
         return told
 
 
+_SURE_SIGMAS = 3.0
+_TURNED_ROUND = (
+    "the wheels are read backward, or the laser looks the other way from the other side of the "
+    "base; corrected"
+)
 _UNITS = np.array([100.0, 1e3, 1e3, 1e3, 1e3, np.rad2deg(1.0)])
 """From shares, metres and radians to the units of _WORDS."""
 _WORDS = (
