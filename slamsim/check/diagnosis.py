@@ -84,18 +84,23 @@ def _without_contradicted(findings: Sequence[Finding]) -> list[Finding]:
     """Where turns of scans and of all others differ, and scans do not fit each other well enough
     to know their angles, no size that rests on either is told. Nor where scans turn by another
     factor than all others: they are then matched in a wrong shape, and lengths come out as wrong as
-    turns. That stamps are counted is seen without any motion."""
+    turns, and so does the angle between beams, whose fault is told by the turns alone. That stamps
+    are counted is seen without any motion."""
     asked = {one.check: one for one in findings}
     rotation, step = asked.get("laser.rotation"), asked.get("laser.angle_step")
     unknown = all(
         one is not None and one.verdict == "inconclusive" and one.estimate is not None
         for one in (rotation, step)
     )
-    if not unknown and (rotation is None or rotation.fault != "laser_angle_step"):
+    by_turns = rotation is not None and rotation.fault == "laser_angle_step"
+    if not unknown and not by_turns:
         return list(findings)
     reason = "cannot be told while the turns of the scans and of the others contradict each other"
     return [
-        one.inconclusive(reason) if one.fault in UNTIL_TURNS_AGREE and one.check != COUNTED else one
+        one.inconclusive(reason)
+        if (one.fault in UNTIL_TURNS_AGREE and one.check != COUNTED)
+        or (by_turns and one.fault and one.check == "laser.angle_step")
+        else one
         for one in findings
     ]
 

@@ -39,6 +39,23 @@ def test_scans_with_counted_stamps_do_not_tell_how_far_they_turn() -> None:
     assert names(bad("time.receipt", "/scan", "stamps_invented"), turned) == {"laser_angle_step"}
 
 
+def test_an_angle_between_beams_by_which_scans_still_turn_too_far_is_not_told() -> None:
+    """Half of the right angles was told once by the turns, and as 9 % too small by the scans."""
+    turned, step = (
+        bad(check, "/scan", "laser_angle_step") for check in ("laser.rotation", "laser.angle_step")
+    )
+    assert [one.verdict for one in explained([turned, step])] == ["fault", "inconclusive"]
+    assert [one.verdict for one in explained([step])] == ["fault"]
+
+
+def test_scans_that_share_their_stamps_do_not_tell_when_wheels_are_late() -> None:
+    late = bad("time.offset.wheels", "/odom", "time_offset_wheels")
+    told_by_scans = bad("ranges.offset", "/scan", "range_offset")
+    shared = bad("time.repeats", "/scan", "stamps_repeated")
+    assert names(shared, late, told_by_scans) == {"stamps_repeated"}
+    assert names(replace(shared, subject="/imu"), late) == {"stamps_repeated", late.fault}
+
+
 def test_wheels_whose_stamps_scatter_tell_no_sizes_of_theirs() -> None:
     scattered = bad("time.scatter", "/odom", "stamps_jitter")
     sizes = [bad("wheels.radius", "/odom", "wheel_radius"), bad("gyro.scale", "/imu", "gyro_scale")]

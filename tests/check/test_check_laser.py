@@ -170,6 +170,19 @@ def test_a_wrong_angle_between_beams_is_measured(error: float) -> None:
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("every", [2, 3])
+def test_angles_of_a_scan_that_was_thinned_are_those_of_the_beams_that_are_left(every: int) -> None:
+    """With a third of the right angles scans turned a third as far, and where they were laid so no
+    other angle fitted better."""
+    thinned = with_ranges(healthy(), ranges(healthy())[:, ::every])
+    beams = len(thinned.scans[0].ranges_m[0])
+    last_rad = LIDAR.angle_min_rad + STEP * (beams - 1)
+    motions = laser_motions(with_layout(thinned, angle_max_rad=last_rad))
+    assert motions is not None
+    assert abs(motions.angle_step.value - every) < 4.0 * motions.angle_step.sigma < 0.02
+
+
+@pytest.mark.long
 def test_noise_that_bends_the_scans_of_few_beams_is_no_wrong_angle() -> None:
     """181 beams over half a turn with 3 cm of noise: -0.98 +- 0.14 %, a fault, where none is."""
     beams = ScanGeometry(-0.5 * np.pi, np.pi / 180.0, 181, 0, 0.1, 30.0)

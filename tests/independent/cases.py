@@ -228,7 +228,8 @@ def _truth(robot: Robot) -> dict[str, float]:
         "wheels.radius": 100.0 * flaws.radius,
         "wheels.unequal": 100.0 * flaws.unequal,
         "wheels.track": 100.0 * flaws.track,
-        "gyro.scale": 100.0 * flaws.gyro_scale,
+        # By its own clock, which is told by itself.
+        "gyro.scale": 100.0 * ((1.0 + flaws.gyro_scale) * (1.0 + flaws.imu_drift) - 1.0),
         "gyro.bias": flaws.gyro_bias,
         "laser.yaw": float(np.rad2deg(-flaws.laser_yaw)),
         "laser.x": -1e3 * flaws.laser_x,

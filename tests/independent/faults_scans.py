@@ -159,7 +159,13 @@ READINGS = [
     fault(
         "ranges_25cm_steps", "rounded", "ranges_coarse", change=partial(_rounded, quantum_m=0.25)
     ),
-    fault("noise_15cm", "noise", "range_noise", change=partial(_noisy, sigma_m=0.15)),
+    fault(
+        "noise_15cm",
+        "noise",
+        "range_noise",
+        "range_limits",  # Noise carries readings beyond the longest.
+        change=partial(_noisy, sigma_m=0.15),
+    ),
     fault("most_beams_lost", "lost", "beams_lost", change=partial(_lost_beams, share=0.7)),
     fault(
         "dead_sector",

@@ -35,7 +35,8 @@ class BeamReader:
     """Turns the scans of a recording into clouds of points as seen at each beam's own instant.
 
     metres_per_unit, radians_per_unit: 1, unless ranges or angles are evidently in another unit.
-    rounding_m: readings are multiples of this, or at least no closer together.
+    rounding_m: readings are multiples of this, or at least no closer together. declared_sweep_s,
+    span_rad: from the first beam of the first scan to the last, as it is taken.
     """
 
     def __init__(self, scans: RawScans, angle_scale: float = 1.0) -> None:
@@ -51,6 +52,7 @@ class BeamReader:
         self._own = self._beams_on_robot(sample)
         layout, beams = self.layout_of(0) if len(scans) else (None, 0)
         self.declared_sweep_s = 0.0 if layout is None else _sweep_s(layout, beams)
+        self.span_rad = 0.0 if layout is None else abs(self.sweep(0).span_rad)
 
     def layout_of(self, scan: int) -> tuple[ScanLayout, int]:
         """What a scan declares, and how many beams it has."""

@@ -179,8 +179,12 @@ def window_motions(
 
     first = _as_declared(tracks, reader)
 
+    def look(some: list[IntArray], scale: float) -> list[WindowFit]:
+        other = BeamReader(scans, scale)
+        return _as_declared(_tracked(scans, other, some), other)
+
     if angle_scale is None:
-        angle_scale = rough_angle_scale(tracks, first, reader.declared_sweep_s)
+        angle_scale = rough_angle_scale(tracks, first, reader.span_rad, look)
 
     if angle_scale != reader.angle_scale:
         reader = BeamReader(scans, angle_scale)

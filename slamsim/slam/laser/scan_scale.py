@@ -3,10 +3,12 @@ all is refined."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from slamsim.core.types import IntArray
 from slamsim.slam.laser.scan_bundle import (
     MAX_STEP,
     Shape,
@@ -22,14 +24,21 @@ SURE_SIGMAS = 5.0
 LARGE_MISFIT = 4.0
 """Variance of residuals, of what noise makes, from which on other angles are tried."""
 
-SCALES = np.array([0.36, 0.45, 0.53, 0.62, 0.7, 0.78, 0.87, 1.15, 1.3, 1.5, 1.75, 2.05, 2.4])
-FAR_BETTER, FAR_SHARPER = 0.6, 2.0
-"""Share of the misfit that another angle must leave at most, and by how much more sharply the
-scans must then tell it: a fan that folds up fits anything."""
+LEAST_SCALE, LARGEST_SCALE = 0.3, 4.0
+SCALES = np.geomspace(LEAST_SCALE, LARGEST_SCALE, 20)
+"""From one to the next 15 %: from 10 % off one step led to within 1 % of the right angle on some 40
+recordings (slamsim's simulator, five lidars; angles of half to twice the right ones, every second
+and third beam)."""
 
-LEAST_SCALE, LARGEST_SCALE = 0.3, 3.0
-"""Sweeps beyond a third or three times what is declared are no error of the driver that a fit could
-find from there."""
+A_TURN_RAD = 1.1 * 2.0 * np.pi
+"""A fan that is wider than this folds up, and then fits anything: only the declared one may be."""
+
+FAR_SHARPER = 2.0
+"""By how much more sharply scans must tell another shape. On those 40 recordings the right angle
+was told 2.6 to 20,000 times as sharply as the wrong one that was declared; 18 healthy ones, fans of
+40 to 360 degrees, led nowhere where it was told more sharply. How well surfaces fit tells nothing:
+with wrong angles hardly any is seen again, and those few may fit."""
+
 STEPS = 3
 FIRST_WINDOWS = 4
 
@@ -39,6 +48,10 @@ are tried: of a backward sweep, which is off by 2, it was 0.38 to 1 on six drive
 
 SWEEP, ANGLE_SCALE = 0, 1
 """Places among the numbers of a ``Shape``."""
+
+
+Look = Callable[[list[IntArray], float], list[WindowFit]]
+"""Windows, tracked and bundled with the sweep as declared and so many times the declared angles."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,28 +65,35 @@ class _Try:
     sigma: float
 
 
-def rough_angle_scale(tracks: list[LaserTrack], fits: list[WindowFit], sweep_s: float) -> float:
-    """True over taken angle between beams; 1 where the scans do not plainly contradict it.
+def rough_angle_scale(
+    tracks: list[LaserTrack], fits: list[WindowFit], span_rad: float, look: Look
+) -> float:
+    """True over declared angle between beams; 1 where the scans do not plainly contradict it.
 
-    fits: of all windows as the scans are declared.
+    fits: of all windows as the scans are declared. span_rad: of the declared fan.
+
+    Scans are followed anew with each angle: with half of the right one they turn half as far, and
+    no fit that begins there finds which walls are the same.
     """
     liveliest = _liveliest(tracks)
     if not liveliest:
         return 1.0
-    some, here = [tracks[k] for k in liveliest], _of([fits[k] for k in liveliest], ANGLE_SCALE)
-    plain = abs(here.step) > max(SMALL_SCALE, SURE_SIGMAS * here.sigma)
-    if not plain and here.misfit < LARGE_MISFIT:
+    some = [tracks[k].scans for k in liveliest]
+    here = _of([fits[k] for k in liveliest], ANGLE_SCALE)
+    told = abs(here.step) + SURE_SIGMAS * here.sigma < SMALL_SCALE
+    if told and here.misfit < LARGE_MISFIT and span_rad < A_TURN_RAD:
         return 1.0
-    starts = [1.0, *SCALES.tolist()]
     few = some[:FIRST_WINDOWS]
-    scale = max(starts, key=lambda start: _tried(few, sweep_s, start).sharpness)
+
+    def tried(scale: float, windows: list[IntArray] = few) -> _Try:
+        return _of(look(windows, scale), ANGLE_SCALE, len(windows), scale)
+
+    starts = [start for start in SCALES.tolist() if start * span_rad < A_TURN_RAD]
+    scale = max(starts, key=lambda start: tried(start).sharpness, default=1.0)
     for _ in range(STEPS):
-        scale += float(np.clip(_tried(some, sweep_s, scale).step, -0.1, 0.1))
-    if not LEAST_SCALE < scale < LARGEST_SCALE:
-        return 1.0
-    there = _tried(some, sweep_s, scale)
-    better = there.misfit < FAR_BETTER * here.misfit
-    return scale if better and _sharper(there, here) else 1.0
+        scale *= 1.0 + float(np.clip(tried(scale).step, -0.1, 0.1))
+    there = tried(scale, some)
+    return scale if _sharper(there, here) else 1.0
 
 
 def rough_sweep_s(tracks: list[LaserTrack], fits: list[WindowFit], declared_s: float) -> float:
@@ -113,15 +133,16 @@ def _liveliest(tracks: list[LaserTrack]) -> list[int]:
     return order[:MOST_WINDOWS]
 
 
-def _tried(tracks: list[LaserTrack], sweep_s: float, scale: float) -> _Try:
-    return _of(fit_windows(tracks, Shape(sweep_s, scale, 0.0)), ANGLE_SCALE)
-
-
-def _of(fits: list[WindowFit], number: int) -> _Try:
+def _of(fits: list[WindowFit], number: int, looked_at: int = 0, scale: float = 1.0) -> _Try:
+    """looked_at: how many windows there are; those in which nothing fits tell nothing. scale: of
+    the angles. A wider fan is asked how sharply it tells the declared angle, which is less."""
+    if not fits:
+        return _Try(np.inf, 0.0, 0.0, np.inf)
     pull = ShapePull.of(fits)
+    told = np.log(np.maximum(pull.information[:, number, number] / max(scale, 1.0) ** 2, 1.0))
     return _Try(
         misfit=float(np.median([fit.unit for fit in fits])),
-        sharpness=float(np.log(np.maximum(pull.information[:, number, number], 1.0)).mean()),
+        sharpness=float(told.sum()) / max(looked_at, len(fits)),
         step=float(pull.step()[number]),
         sigma=float(pull.sigmas()[number]),
     )

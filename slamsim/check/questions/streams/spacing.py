@@ -115,7 +115,10 @@ REPEATS = Question(
         FaultKind(
             "stamps_repeated",
             "messages carry the stamp of another one",
-            (same_subject(*_OFFSETS, "stamps_jitter", "odometry_twist"), lidar_stamps(*BY_SCANS)),
+            (
+                same_subject(*_OFFSETS, "stamps_jitter", "odometry_twist"),
+                lidar_stamps(*BY_SCANS, *_OFFSETS),  # of which it is the lidar's that are none
+            ),
         ),
     ),
     limit=100.0 * MAX_REPEATED_SHARE,
