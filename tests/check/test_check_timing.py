@@ -12,23 +12,25 @@ from calibration_example import T_BASE_LASER, Robot, without
 from check_example import motion_findings
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from two_lidars import mounted, scans_of
 
 from slamsim.check.calibration.explanation import explain
 from slamsim.check.calibration.joint import Calibration, calibrate_inputs
 from slamsim.check.diagnosis import explained
+from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding, Measurement, decide
 from slamsim.check.motion.inputs import Inputs
 from slamsim.check.motion.integrated import integrated_wheels
 from slamsim.check.questions.clocks.offsets import check_timing
 from slamsim.check.questions.clocks.pairs import LIMITS_S, most_likely
 from slamsim.check.questions.inertial.gyroscope import check_gyro
-from slamsim.check.questions.laser.mounting import check_mounting
+from slamsim.check.questions.laser.mounting import GROUP, check_mounting
 from slamsim.check.questions.wheels.direction import check_reversing
 from slamsim.check.questions.wheels.sizes import check_wheels
 from slamsim.check.questions.wheels.slip import check_slip
 from slamsim.check.wording import JSON_VERDICTS, finding_json
 from slamsim.core.types import FloatArray
-from slamsim.recording import RawImu, RawOdometry, RawTicks, Recording
+from slamsim.recording import RawImu, RawOdometry, RawScans, RawTicks, Recording
 
 
 def everything(calibration: Calibration) -> list[Finding]:
@@ -75,6 +77,31 @@ FAULTS = [
     (Robot(T_base_laser=T_BASE_LASER + np.array([0.0, 0.05, 0.0])), {"laser_position"}),
     (Robot(T_base_laser=T_BASE_LASER + np.array([0.0, 0.0, math.pi])), {"laser_yaw"}),
 ]
+
+
+@pytest.mark.parametrize(
+    ("mast_off_m", "expected"), [(0.0, "laser_frame"), (0.05, "laser_position")]
+)
+def test_scans_that_name_the_frame_of_another_sensor(mast_off_m: float, expected: str) -> None:
+    """Told as a laser that sits elsewhere, the frame was moved, and the inertial unit with it."""
+    sits = T_BASE_LASER + np.array([0.1, 0.05, 0.0])
+    inputs = replace(Robot(T_base_laser=sits).inputs(), base_frame="base_footprint")
+    calibration = calibrate_inputs(inputs)
+    assert calibration is not None and inputs.gyro is not None
+    name, no_readings = inputs.laser_frame, (np.zeros(0, dtype=np.int64), None)
+    unit = RawImu("/imu", (name,), *no_readings, np.zeros((0, 3)), np.zeros((0, 3)))
+    placed = (T_BASE_LASER, name), (sits + mast_off_m, "lidar_mast"), (np.zeros(3), "imu_link")
+    frames = tuple(mounted(pose, frame) for pose, frame in placed)
+    of = Recording("named", "mcap", streams=(scans_of(sits, "any"), unit), transforms=frames)
+    (scans,) = of.scans
+    of = of.with_streams(RawScans, (replace(scans, topic="/scan", frame_ids=(name,)),))
+    evidence = RecordingEvidence(of)
+    evidence.once("calibration", lambda: calibration)
+    evidence.once("explanation", lambda: explain(calibration))
+    found = [one for one in explained(list(GROUP.ask(evidence))) if one.fault]
+    assert {one.fault for one in found} == {expected}
+    renamed = [repair.parameters.get("frame") for one in found for repair in one.repairs]
+    assert renamed == (["lidar_mast"] if expected == "laser_frame" else [])
 
 
 @pytest.mark.parametrize(

@@ -125,9 +125,16 @@ FRAME_FAULTS: list[Fault] = [
     fault(
         "scan_in_base",
         "scan_frame",
-        None,
+        "laser_frame",
         change=partial(_scan_frame, frame="base_link"),
         fits=lambda robot: bool(np.hypot(*robot.laser[:2]) > 0.05),
+    ),
+    fault(
+        "scan_in_imu_link",
+        "scan_frame",
+        "laser_frame",
+        change=partial(_scan_frame, frame="imu_link"),
+        fits=lambda robot: bool(np.hypot(*np.subtract(robot.laser[:2], robot.imu_xy)) > 0.05),
     ),
     fault(
         "scan_frame_unknown",

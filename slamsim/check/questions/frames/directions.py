@@ -69,7 +69,7 @@ def _sensor(
     named = [frame for frame in stream.frame_ids if frame in fixed and frame != base]
     if not named or recording.format == "carmen":
         return
-    free = _frames_without_sensor(recording, base)
+    free = frames_without_sensor(recording, base)
     yield judge(
         FIXED,
         stream.topic,
@@ -82,7 +82,7 @@ def _sensor(
     )
 
 
-def _frames_without_sensor(recording: Recording, base: str) -> list[str]:
+def frames_without_sensor(recording: Recording, base: str) -> list[str]:
     """Frames fixed to the base, named like a laser, of which no messages come."""
     used = {frame for stream in recording.streams for frame in stream.frame_ids}
     graph = FrameGraph(edge for edge in recording.transforms if edge.is_static)

@@ -6,15 +6,19 @@ in which direction it looks (Censi, Franchi, Marchionni & Oriolo 2013).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
 from slamsim.check.calibration.explanation import PLACE_LIMIT_M, Explanation
 from slamsim.check.calibration.joint import Calibration
-from slamsim.check.evidence import of_sizes
-from slamsim.check.findings import Finding, Measurement
-from slamsim.check.question import FaultKind, Question, QuestionGroup, judge, unanswered
+from slamsim.check.evidence import RecordingEvidence, of_sizes
+from slamsim.check.findings import Finding, Measurement, decide
+from slamsim.check.question import FaultKind, Question, QuestionGroup, anywhere, judge, unanswered
+from slamsim.check.questions.frames.directions import frames_without_sensor
 from slamsim.check.wording import SIDES
-from slamsim.core.geometry import wrap_angle
+from slamsim.core.geometry import se2_from_se3, wrap_angle
 from slamsim.core.types import FloatArray
 from slamsim.recording.repairs.base import Repair
 
@@ -60,6 +64,22 @@ PLACE = tuple(
 )
 
 
+FRAME = Question(
+    "laser.frame",
+    "the scans name the frame in which the laser sits",
+    (
+        FaultKind(
+            "laser_frame",
+            "the scans name the frame of another part of the robot",
+            (anywhere("laser_yaw", "laser_position"),),
+        ),
+    ),
+    consequence="scans are placed where that other part sits",
+    excitation_wanted=f"{TURNING}, and {DRIVING}",
+    repairs=("rename_frame",),
+)
+
+
 def check_mounting(calibration: Calibration, explained: Explanation) -> list[Finding]:
     """Yaw and place of the laser."""
     inputs = calibration.inputs
@@ -87,9 +107,58 @@ def check_mounting(calibration: Calibration, explained: Explanation) -> list[Fin
     ]
 
 
-GROUP = QuestionGroup(
-    "motion", 180, (MOUNTING, YAW, *PLACE), of_sizes(check_mounting), thorough=True
-)
+def _checked(evidence: RecordingEvidence) -> list[Finding]:
+    """``check_mounting``, and whether the laser sits where another frame is."""
+    calibration, recording = evidence.calibration, evidence.recording
+    found = list(of_sizes(check_mounting)(evidence))
+    if calibration is None or not any(one.fault for one in found):
+        return found
+    inputs, asked = calibration.inputs, [YAW.id, *(place.id for place in PLACE)]
+    named = [stream.topic for stream in recording.streams if inputs.laser_frame in stream.frame_ids]
+    if len(named) > 1:  # What moves the frame moves the other sensor as well.
+        found = [replace(one, repairs=()) if one.check in asked else one for one in found]
+    others = [
+        frame
+        for frame in frames_without_sensor(recording, inputs.base_frame)
+        if _sits(calibration, evidence.frames.between(inputs.base_frame, frame), found)
+    ]
+    return [*found, *(_named(calibration, frame) for frame in others[:1])]
+
+
+GROUP = QuestionGroup("motion", 180, (MOUNTING, YAW, *PLACE, FRAME), _checked, thorough=True)
+
+
+def _sits(
+    calibration: Calibration, T_base_frame: FloatArray | None, found: Sequence[Finding]
+) -> bool:
+    """Whether the laser, by its motion, sits where a frame is, as far as that can be told."""
+    declared = calibration.inputs.T_base_laser
+    if T_base_frame is None or declared is None:
+        return False
+    if bool(T_base_frame[2, 2] < 0.0) != calibration.inputs.upside_down:
+        return False
+    other = se2_from_se3(T_base_frame) - declared
+    apart = {
+        YAW.id: float(np.degrees(wrap_angle(other[2]))),
+        **{place.id: 1e3 * float(other[axis]) for axis, place in enumerate(PLACE)},
+    }
+    return all(
+        decide(one.estimate, one.limit or 0.0, apart[one.check]) != "fault"
+        for one in found
+        if one.estimate is not None and one.check in apart
+    )
+
+
+def _named(calibration: Calibration, frame: str) -> Finding:
+    inputs = calibration.inputs
+    return judge(
+        FRAME,
+        inputs.steps.topic,
+        f"its messages name {inputs.laser_frame}, but the laser sits where {frame} is",
+        verdict="fault",
+        advice=f"Give the driver the frame {frame}.",
+        repairs=(Repair("rename_frame", inputs.steps.topic, {"frame": frame}),),
+    )
 
 
 def _mount(calibration: Calibration, explained: Explanation) -> FloatArray:
