@@ -8,6 +8,7 @@ the numbers obey. All arrays of one stream are in the order of the file.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar, TypeVar
@@ -31,6 +32,11 @@ class ScanLayout:
     scan_time_s: float
     range_min_m: float
     range_max_m: float
+
+    def folds(self, beams: int) -> bool:
+        """Whether so many beams make more than a turn, and one more as some drivers write it."""
+        step_rad = abs(self.angle_step_rad)
+        return step_rad * (beams - 1) > 2.0 * math.pi + step_rad
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -48,6 +48,13 @@ def test_an_angle_between_beams_by_which_scans_still_turn_too_far_is_not_told() 
     assert [one.verdict for one in explained([step])] == ["fault"]
 
 
+def test_a_fan_of_wrong_angles_is_no_scan_of_several_turns() -> None:
+    folds = bad("ranges.layout", "/scan", "scan_folds")
+    assert names(folds) == {"scan_folds"}
+    for check in ("laser_angle_step", "laser_degrees"):
+        assert names(folds, bad("laser", "/scan", check)) == {check}
+
+
 def test_scans_that_share_their_stamps_do_not_tell_when_wheels_are_late() -> None:
     late = bad("time.offset.wheels", "/odom", "time_offset_wheels")
     told_by_scans = bad("ranges.offset", "/scan", "range_offset")

@@ -192,6 +192,7 @@ def wrapped_finding(ranges_m: Float32Array) -> Finding:
         (replace(LAYOUT, range_max_m=0.0), "range_limits"),
         (replace(LAYOUT, range_max_m=np.nan), "range_limits"),
         (replace(LAYOUT, angle_max_rad=0.3), "scan_layout"),
+        (replace(LAYOUT, angle_step_rad=1.5 * STEP_RAD), "scan_folds"),  # `map` refuses it
         (replace(LAYOUT, beam_dt_s=np.nan), "scan_layout"),
     ],
 )

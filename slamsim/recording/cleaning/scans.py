@@ -163,7 +163,7 @@ class _Geometries:
             return None
         if not (layout.range_max_m > range_min_m and abs(beam_dt_s) < 1.0):
             return None
-        if abs(step_rad) * (ranges_m.size - 1) > 2.0 * math.pi + abs(step_rad):
+        if layout.folds(ranges_m.size):
             return None
         range_max_m = self._limit.maximum_m(layout.range_max_m)
         try:

@@ -39,7 +39,9 @@ PLOTTED_SIGMAS = 8.0
 MOVING = "driving a few metres and turning at changing speed, in a place with walls on all sides"
 
 
-LASER_ANGLE_STEP = FaultKind("laser_angle_step", "the angle between beams is wrong")
+LASER_ANGLE_STEP = FaultKind(
+    "laser_angle_step", "the angle between beams is wrong", (anywhere("scan_folds"),)
+)
 FLASH = FaultKind(
     "flash_scan_timed",
     "beams of one instant are declared as fired one after the other",
@@ -66,7 +68,7 @@ ANGLE_UNIT = Question(
         FaultKind(
             "laser_degrees",
             "angles in degrees where radians are asked for",
-            (anywhere("laser_angle_step", *SWEEPS, "range_offset"),),
+            (anywhere("laser_angle_step", "scan_folds", *SWEEPS, "range_offset"),),
         ),
     ),
     consequence="the beams point anywhere",

@@ -51,10 +51,11 @@ BEAMS = Question(
 SCAN_LAYOUT = FaultKind(
     "scan_layout", "what the scan declares of its beams does not fit its readings"
 )
+SCAN_FOLDS = FaultKind("scan_folds", "a scan spans more than a turn")
 LAYOUT = Question(
     "ranges.layout",
     "the declared angles fit the number of beams, and the time between beams is a number",
-    (SCAN_LAYOUT,),
+    (SCAN_LAYOUT, SCAN_FOLDS),
     consequence="consumers that use angle_max turn or stretch the scan, or refuse it",
     repairs=("set_angle_max",),
 )
@@ -141,6 +142,18 @@ def _layouts(scans: RawScans) -> Iterator[Finding]:
     for number, beams in np.unique(np.column_stack([scans.layout_of, beams_of]), axis=0).tolist():
         layout = scans.layouts[number]
         last_rad = layout.angle_min_rad + (beams - 1) * layout.angle_step_rad
+        if layout.folds(beams):
+            yield judge(
+                LAYOUT,
+                scans.topic,
+                f"{beams} beams from {np.degrees(layout.angle_min_rad):.2f} to "
+                f"{np.degrees(last_rad):.2f} deg look along some directions twice: SLAM refuses "
+                "such scans",
+                verdict="fault",
+                fault=SCAN_FOLDS,
+                advice="Publish each turn as a scan of its own.",
+            )
+            return
         off = abs(layout.angle_max_rad - last_rad)
         if off <= 1.5 * abs(layout.angle_step_rad):
             continue  # the last beam, or one more as drivers that count a full turn write it
