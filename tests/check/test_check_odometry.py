@@ -100,6 +100,26 @@ def test_twists_of_a_robot_that_shakes_and_often_stands(stands: float) -> None:
     assert twist_of(robot().with_streams(RawOdometry, (made,))).verdict == "ok"
 
 
+@pytest.mark.parametrize(("too_large", "is_fault"), [(0.0, False), (-0.4, True)])
+def test_twists_of_a_jerky_drive_that_come_late(too_large: float, is_fault: bool) -> None:
+    """Another turn rate twice a second, 0.3 s late: -32 % in most seconds, and 0 in all."""
+    rate_hz, count, rng = 50, 3000, np.random.default_rng(29)
+    changes = np.cumsum(rng.exponential(25.0, count).astype(int) + 2)
+    turn = rng.choice([0.0, 0.0, 0.5, -0.5, 1.2, -1.2], count)
+    turn = followed(turn[np.searchsorted(changes, np.arange(count))], 11.0 / rate_hz)
+    late = (1.0 + too_large) * np.concatenate([np.zeros(15), turn[:-15]])
+    yaw, none = np.cumsum(turn) / rate_hz, np.zeros(count)
+    made = replace(
+        odometry_at(100 * 10**9 + np.arange(count) * (10**9 // rate_hz)),
+        positions_m=np.zeros((count, 3)),
+        quats_xyzw=xyzw_from_yaw(yaw),
+        linear_m_s=np.zeros((count, 3)),
+        angular_rad_s=np.column_stack([none, none, late]),
+    )
+    found = twist_of(robot().with_streams(RawOdometry, (made,)))
+    assert (found.fault == "odometry_twist") == is_fault
+
+
 def test_twists_of_coarse_counters_leap_as_their_poses_do() -> None:
     """A centimetre of path a step, a hundred messages a second: 0 or 1 m/s of a robot with 0.3."""
     stamps_ns = stamps(100.0, 30.0)
