@@ -380,7 +380,7 @@ def test_noise_about_no_return_is_told_and_left_out_whole(clipped: bool) -> None
     made = recorded(ranges, layout)
     told = [one for one in range_findings(made) if one.verdict == "fault"]
     assert [one.fault for one in told] == ["range_max_no_return"]
-    fixed = apply_repairs(made, told[0].repairs).scans[0].ranges_m
+    fixed = np.asarray(apply_repairs(made, told[0].repairs).scans[0].ranges_m)
     assert np.isinf(fixed[nothing]).mean() > 0.999
     assert np.isfinite(fixed[whole < 2.35]).all()
 
