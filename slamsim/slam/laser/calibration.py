@@ -92,7 +92,8 @@ class LaserCalibration:
         declared = self.declared[MOUNT]
         off = self.values[MOUNT] - np.append(-declared[:2], declared[2] + np.pi)
         off[2] = wrap_angle(off[2])
-        return bool(self.corrected[YAW] and (np.abs(off) < _SURE_SIGMAS * self.sigmas[MOUNT]).all())
+        agrees = np.abs(off) < np.minimum(_SURE_SIGMAS * self.sigmas[MOUNT], _TURNED_WITHIN)
+        return bool(self.corrected[YAW] and agrees.all())
 
     @property
     def later_ns(self) -> int:
@@ -149,6 +150,8 @@ class LaserCalibration:
 
 
 _SURE_SIGMAS = 3.0
+_TURNED_WITHIN = np.array([0.05, 0.05, np.deg2rad(10.0)])
+"""However unsure a mount is: as well as a tape and a glance tell one."""
 _TURNED_ROUND = (
     "the wheels are read backward, or the laser looks the other way from the other side of the "
     "base; corrected"
