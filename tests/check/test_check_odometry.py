@@ -120,6 +120,25 @@ def test_twists_of_a_jerky_drive_that_come_late(too_large: float, is_fault: bool
     assert (found.fault == "odometry_twist") == is_fault
 
 
+@pytest.mark.parametrize(("sideways", "is_fault"), [(1.0, False), (0.5, True), (-1.0, True)])
+def test_twists_of_a_robot_that_mostly_drives_sideways(sideways: float, is_fault: bool) -> None:
+    """What it goes ahead is said rightly, which of the usual second is a little."""
+    at_s = np.arange(0.0, 120.0, 0.02)
+    ahead, left = 0.1 * np.sin(0.3 * at_s), 0.4 * np.sin(0.17 * at_s + 1.0)
+    turn, none = 0.2 * np.sin(0.23 * at_s), np.zeros(at_s.size)
+    yaw = np.cumsum(turn) * 0.02
+    places_m = np.cumsum(rotated(np.column_stack([ahead, left]), yaw), axis=0) * 0.02
+    made = replace(
+        odometry_at(100 * 10**9 + np.arange(at_s.size) * 20_000_000),
+        positions_m=np.column_stack([places_m, none]),
+        quats_xyzw=xyzw_from_yaw(yaw),
+        linear_m_s=np.column_stack([ahead, sideways * left, none]),
+        angular_rad_s=np.column_stack([none, none, turn]),
+    )
+    found = twist_of(robot().with_streams(RawOdometry, (made,)))
+    assert (found.fault == "odometry_twist") == is_fault
+
+
 def test_twists_of_coarse_counters_leap_as_their_poses_do() -> None:
     """A centimetre of path a step, a hundred messages a second: 0 or 1 m/s of a robot with 0.3."""
     stamps_ns = stamps(100.0, 30.0)

@@ -192,7 +192,7 @@ def _looks(odometry: RawOdometry) -> _Looks | None:
     known, said = steps(edges_s)
     leaps = _leaps(times_s, track, speeds)
     finely = steps(np.arange(0.0, times_s[-1], STEP_S))
-    speed, turn_rate = (_too_large(*(one[:, column] for one in finely)) for column in (0, 2))
+    turn_rate = _too_large(*(one[:, 2] for one in finely))
     return _Looks(
         known[:, :2],
         known[:, 2],
@@ -201,8 +201,19 @@ def _looks(odometry: RawOdometry) -> _Looks | None:
         said[:, 2],
         leaps,
         _worst_stretch(*finely),
-        (speed, turn_rate),
+        (_speed_too_large(*finely), turn_rate),
     )
+
+
+def _speed_too_large(known: FloatArray, said: FloatArray) -> Measurement:
+    """Of x and y, as far as the robot goes that way, the one that may be most off: whoever drives
+    sideways may say it wrongly while the little that it goes ahead is right.
+
+    known: (n, 3) x, y and turn in each step by the poses. said: (n, 5) by the twists.
+    """
+    path_m = np.abs(known[:, :2]).sum(axis=0)
+    ways = np.flatnonzero(path_m >= SAME_FRAME * path_m.sum())
+    return max((_too_large(known[:, way], said[:, way]) for way in ways), key=_most_off)
 
 
 def _worst_stretch(known: FloatArray, said: FloatArray) -> _Stretch | None:
@@ -228,6 +239,11 @@ def _worst_stretch(known: FloatArray, said: FloatArray) -> _Stretch | None:
 def _least_off(size: Measurement) -> float:
     """How far off it is at least."""
     return abs(size.value) - SURE_SIGMAS * size.sigma
+
+
+def _most_off(size: Measurement) -> float:
+    """How far off it may be."""
+    return abs(size.value) + 1.96 * size.scatter
 
 
 def _too_large(known: FloatArray, said: FloatArray) -> Measurement:
