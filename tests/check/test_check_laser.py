@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -40,8 +41,10 @@ from slamsim.recording import (
     RecordingFormat,
 )
 from slamsim.recording.repairs.apply import apply_repairs
+from slamsim.slam.laser.scan_bundle import WindowFit
 from slamsim.slam.laser.scan_motion import ShapeEstimate
-from slamsim.slam.laser.scan_scale import rough_angle_scale
+from slamsim.slam.laser.scan_scale import _Try, rough_angle_scale
+from slamsim.slam.laser.scan_track import LaserTrack
 
 STEP = LIDAR.angle_step_rad
 BEAM_DT_S = LIDAR.beam_dt_ns * 1e-9
@@ -215,6 +218,22 @@ def test_what_noise_makes_of_wrong_angles_is_seen_about_the_angles_that_were_fou
     assert motions is not None and abs(looks[0] - 1.25) < 0.1
     angle = motions.angle_step
     assert abs(angle.value - 1.25) < 3.0 * angle.sigma < 0.01
+
+
+@pytest.mark.parametrize(("step", "is_believed"), [(0.0, True), (0.1, False)])
+def test_fans_that_steps_make_wider_than_a_turn_are_not_believed(
+    step: float, is_believed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They fold up and fit anything: from 364 degrees on, steps led to 485."""
+
+    def the_wider_the_sharper(*of: Any) -> _Try:
+        scale = float(of[3]) if len(of) > 3 else 0.0
+        return _Try(misfit=1.0, sharpness=scale, step=step, sigma=1.0)
+
+    monkeypatch.setattr("slamsim.slam.laser.scan_scale._of", the_wider_the_sharper)
+    track = cast(LaserTrack, SimpleNamespace(poses=np.zeros((3, 3)), scans=np.arange(3)))
+    scale = rough_angle_scale([track], [cast(WindowFit, None)], np.pi, lambda *_: [])
+    assert (scale != 1.0) == is_believed
 
 
 def test_where_the_sweep_is_by_the_scans_their_instant_is_half_as_unsure() -> None:

@@ -92,6 +92,8 @@ def rough_angle_scale(
     scale = max(starts, key=lambda start: tried(start).sharpness, default=1.0)
     for _ in range(STEPS):
         scale *= 1.0 + float(np.clip(tried(scale).step, -0.1, 0.1))
+    if scale * span_rad >= A_TURN_RAD:
+        return 1.0
     there = tried(scale, some)
     return scale if _sharper(there, here) else 1.0
 
