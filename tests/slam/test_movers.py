@@ -160,3 +160,14 @@ def test_a_person_ends_where_nothing_comes_back() -> None:
     first = next(_compact_things(near))
     assert first.sum() > 5
     assert np.all(np.hypot(*(near.points_m[first] - [3.0, 0.0]).T) < 0.4)
+
+
+def test_far_walls_of_a_second_lidar_with_fewer_beams_are_no_things() -> None:
+    """By the angle between beams of the first, each of its beams was a thing of its own."""
+    fine, coarse = (np.radians(np.arange(*of)) for of in ((-90.0, 90.0, 0.25), (150.0, 210.0, 1.0)))
+    angles = np.concatenate([fine, coarse])
+    far_m = np.append(np.full(fine.size, 5.0), np.full(coarse.size, 14.0))
+    points_m = far_m[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    hit = np.ones(angles.size, dtype=np.bool_)
+    cloud = Cloud(0, points_m, np.zeros_like(points_m), hit, own_beams=fine.size)
+    assert not list(_compact_things(cloud))

@@ -196,7 +196,8 @@ def _compact_things(cloud: Cloud) -> Iterator[BoolArray]:
     if hits.size < 2:
         return
     points_m = cloud.points_m[hits]
-    number = _numbered(points_m, cloud.origins_m[hits])
+    own = int(cloud.hit[: cloud.own_beams].sum())
+    number = _numbered(points_m, cloud.origins_m[hits], own)
     count = np.bincount(number)
     middle_m = np.stack([np.bincount(number, axis) / count for axis in points_m.T], axis=-1)
     off_m = np.hypot(*(points_m - middle_m[number]).T)
@@ -215,13 +216,17 @@ def _compact_things(cloud: Cloud) -> Iterator[BoolArray]:
         yield thing
 
 
-def _numbered(points_m: FloatArray, origins_m: FloatArray) -> IntArray:
-    """(n,) which thing each of the (n, 2) points is on, one after the other round the robot."""
+def _numbered(points_m: FloatArray, origins_m: FloatArray, own: int) -> IntArray:
+    """(n,) which thing each of the (n, 2) points is on, one after the other round the robot. own:
+    how many are of its first lidar."""
     beams_m = points_m - origins_m
     turn_rad = np.abs(np.diff(np.unwrap(np.arctan2(beams_m[:, 1], beams_m[:, 0]))))
     apart_m = np.hypot(*np.diff(points_m, axis=0).T)
     # The usual turn: where nothing comes back over many beams, what is beside ends all the same.
-    spacing_m = np.hypot(*beams_m[1:].T) * np.median(turn_rad)
+    for lidar in (turn_rad[:own], turn_rad[own:]):
+        if lidar.size:
+            lidar[:] = np.median(lidar)
+    spacing_m = np.hypot(*beams_m[1:].T) * turn_rad
     is_next = apart_m > np.maximum(GAP_M, GAP_BEAMS * spacing_m)
     number = np.concatenate([[0], np.cumsum(is_next)])
     if number[-1] > 0 and np.hypot(*(points_m[0] - points_m[-1])) <= GAP_M:
