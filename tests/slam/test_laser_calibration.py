@@ -303,6 +303,16 @@ def test_wheels_that_are_read_backward_are_told_beside_the_laser() -> None:
     assert not found_in(LaserErrors(yaw_rad=np.pi).of(log)).is_turned_round
 
 
+def test_a_laser_of_unsure_place_that_looks_the_other_way_is_not_turned_round() -> None:
+    """10 cm behind its place, where wheels that are read backward would have it, is two sigmas."""
+    unknown = LaserCalibration.unknown(se3_from_parts(np.eye(3), np.array([0.05, 0.0, 0.0])))
+    values = np.array([0.05, 0.0, np.pi])
+    sigmas, yaw_alone = np.array([0.05, 0.05, 0.01]), np.array([False, False, True])
+    assert not unknown.told(slice(3, 6), values, sigmas, yaw_alone).is_turned_round
+    values[0] = -0.05
+    assert unknown.told(slice(3, 6), values, sigmas, yaw_alone).is_turned_round
+
+
 @pytest.mark.parametrize(("declared_x_m", "yaw_rad"), [(0.5, 0.0), (0.35, 0.0), (0.5, np.pi)])
 def test_a_laser_before_a_robot_that_drives_in_circles_is_found_where_it_is(
     declared_x_m: float, yaw_rad: float
