@@ -200,6 +200,16 @@ def test_declarations_that_contradict_the_readings(layout: ScanLayout, fault: st
     assert bad(range_findings(recorded(room(), layout))) == [fault]
 
 
+@pytest.mark.parametrize("is_step_alone", [True, False])
+def test_of_scans_that_fold_the_step_may_be_rounded(is_step_alone: bool) -> None:
+    step_rad = 1.5 * STEP_RAD
+    last_rad = LAYOUT.angle_min_rad + step_rad * (room().shape[1] - 1)
+    angle_max_rad = LAYOUT.angle_max_rad if is_step_alone else last_rad
+    layout = replace(LAYOUT, angle_step_rad=step_rad, angle_max_rad=angle_max_rad)
+    told = [one for one in range_findings(recorded(room(), layout)) if one.fault == "scan_folds"]
+    assert [f"declare {STEP_RAD:.6g} rad" in one.advice for one in told] == [is_step_alone]
+
+
 @pytest.mark.parametrize(
     ("wrong", "fault"),
     [

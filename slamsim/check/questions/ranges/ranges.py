@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -151,7 +152,7 @@ def _layouts(scans: RawScans) -> Iterator[Finding]:
                 "such scans",
                 verdict="fault",
                 fault=SCAN_FOLDS,
-                advice="Publish each turn as a scan of its own.",
+                advice=_unfolded(layout, beams),
             )
             return
         off = abs(layout.angle_max_rad - last_rad)
@@ -167,6 +168,16 @@ def _layouts(scans: RawScans) -> Iterator[Finding]:
             repairs=(Repair("set_angle_max", scans.topic),),
         )
         return
+
+
+def _unfolded(layout: ScanLayout, beams: int) -> str:
+    """What to do about so many beams that make more than a turn. 1800 beams of one turn do if
+    0.00349 rad between them are written as 0.0035."""
+    turns = "Publish each turn as a scan of its own"
+    step_rad = (layout.angle_max_rad - layout.angle_min_rad) / (beams - 1)
+    if not np.isfinite(step_rad) or replace(layout, angle_step_rad=step_rad).folds(beams):
+        return f"{turns}."
+    return f"{turns}, or declare {step_rad:.6g} rad between beams, as angle_min and angle_max do."
 
 
 def _beam_times(scans: RawScans) -> Iterator[Finding]:
