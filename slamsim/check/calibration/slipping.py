@@ -66,7 +66,8 @@ def find_spells(model: Model, values: FloatArray) -> SlipSpells:
     limits = np.maximum(least, NOISE_SIGMAS * np.median(apart, axis=0) / 0.6745)
     off = (apart > limits) & (apart > LEAST_SHARE * extent)
     # Wheels are fitted with a radius of 0 where scans err by more than they move.
-    rolled = np.maximum(np.abs(by_wheels), np.abs(_reported(model, values, covered, step_of)))
+    reported = _total(np.where(covered[:, None], model.reported(values), 0.0), step_of)
+    rolled = np.maximum(np.abs(by_wheels), np.abs(reported))
     still = rolled < STILL_SHARE * np.abs(by_scans)
     moved = np.abs(by_scans) > np.array([MOVED_M, MOVED_RAD])
     frozen = (still & moved & off).any(axis=1) & (still | ~moved).all(axis=1)
@@ -93,12 +94,10 @@ def _seconds(steps: LaserSteps, step_of: IntArray) -> FloatArray:
     return np.asarray(np.bincount(step_of, 1e-9 * (steps.second_ns - steps.first_ns)))
 
 
-def _reported(
-    model: Model, values: FloatArray, covered: BoolArray, step_of: IntArray
-) -> FloatArray:
-    """(k, 2) path and turn of each spell as the wheels report them."""
+def _total(of_steps: FloatArray, step_of: IntArray) -> FloatArray:
+    """(k, 2) of each spell, from path and turn (n, 2) of each step."""
     total = np.zeros((int(step_of.max(initial=-1)) + 1, 2))
-    np.add.at(total, step_of, np.where(covered[:, None], model.reported(values), 0.0))
+    np.add.at(total, step_of, of_steps)
     return total
 
 
@@ -119,8 +118,7 @@ def _largest_step(
     each = np.arange(step_of.size)
     differ = _added(T_wheels, covered, yaw_rad, each)
     differ -= _added(model.steps.T_first_second, covered, yaw_rad, each)
-    total = np.zeros((int(step_of.max(initial=-1)) + 1, 2))
-    np.add.at(total, step_of, differ)
+    total = _total(differ, step_of)
     largest = np.zeros_like(total)
     np.maximum.at(largest, step_of, differ * np.sign(total)[step_of])
     return largest
@@ -157,6 +155,4 @@ def _added(
     cos, sin = np.cos(yaw_rad), np.sin(yaw_rad)
     ahead = cos * T_first_second[:, 0] - sin * T_first_second[:, 1]
     moved = np.where(covered[:, None], np.column_stack([ahead, T_first_second[:, 2]]), 0.0)
-    total = np.zeros((int(step_of.max(initial=-1)) + 1, 2))
-    np.add.at(total, step_of, moved)
-    return total
+    return _total(moved, step_of)

@@ -348,12 +348,11 @@ class _Table:
             np.array([_alike(self.turned_rad, sign * each) for each in told]).T
             for sign in (1.0, -1.0)
         )
-        best = int(np.argmin(against[0]))
-        gain, turns_rad = float(against[1, best]), told[best]
-        if self._is_against(gain, turns_rad, told[int(np.argmin(same[0]))]):
+        best, other = int(np.argmin(same[0])), int(np.argmin(against[0]))
+        gain, turns_rad = float(against[1, other]), told[other]
+        if self._is_against(gain, turns_rad, told[best]):
             is_late = self._is_rather_late(gain, turns_rad)
-            return None if is_late else (float(delays[best]), -1.0 - gain)
-        best = int(np.argmin(same[0]))
+            return None if is_late else (float(delays[other]), -1.0 - gain)
         return float(delays[best]), float(same[1, best]) - 1.0
 
     def _is_against(

@@ -34,6 +34,7 @@ from typing import Self
 
 import numpy as np
 
+from slamsim.core.quantiles import SIGMAS_PER_MEDIAN
 from slamsim.core.types import BoolArray, Float32Array, FloatArray, IntArray
 
 FALSE_ALARM = 1e-6
@@ -57,7 +58,6 @@ their returns, make some per cent: the rest of the view returns nothing at all."
 MOST_NOISE, NOISE_SIGMAS = 0.03, 5.0
 """Of the range; no lidar has more noise. Of readings that fall short, one in two million does so by
 more than so many sigmas."""
-HALF_NORMAL_MEDIAN = 0.6745
 LEAST_BEYOND, MAX_BEYOND, MOST_BEYOND = 20, 2e-3, 0.5
 """A declared maximum is wrong if so many readings exceed it and more than the first share: fewer
 are rounding. If more than the second share do, the unit is wrong."""
@@ -236,7 +236,7 @@ def _noisy(readings: _Readings, top_m: float) -> Code | None:
     short_m = short_m[short_m < NOISE_SIGMAS * MOST_NOISE * top_m]
     if short_m.size < LEAST_SHORT:
         return None
-    reach_m = NOISE_SIGMAS * float(np.median(short_m)) / HALF_NORMAL_MEDIAN
+    reach_m = NOISE_SIGMAS * SIGMAS_PER_MEDIAN * float(np.median(short_m))
     count = int((short_m < reach_m).sum())
     share = count / (count + int((between & nothing).sum()))
     if share < LEAST_SHORT_SHARE or reach_m > NOISE_SIGMAS * MOST_NOISE * top_m:

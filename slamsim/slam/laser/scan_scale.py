@@ -24,8 +24,7 @@ SURE_SIGMAS = 5.0
 LARGE_MISFIT = 4.0
 """Variance of residuals, of what noise makes, from which on other angles are tried."""
 
-LEAST_SCALE, LARGEST_SCALE = 0.3, 4.0
-SCALES = np.geomspace(LEAST_SCALE, LARGEST_SCALE, 20)
+SCALES = np.geomspace(0.3, 4.0, 20)
 """From one to the next 15 %: from 10 % off one step led to within 1 % of the right angle on some 40
 recordings (slamsim's simulator, five lidars; angles of half to twice the right ones, every second
 and third beam)."""

@@ -206,8 +206,8 @@ def _looks(odometry: RawOdometry) -> _Looks | None:
 
 
 def _speed_too_large(known: FloatArray, said: FloatArray) -> Measurement:
-    """Of x and y, as far as the robot goes that way, the one that may be most off: whoever drives
-    sideways may say it wrongly while the little that it goes ahead is right.
+    """Of x and y, as far as the robot goes that way, the one that may be most off: of a robot
+    that drives sideways, this may be wrong while the little that it goes ahead is right.
 
     known: (n, 3) x, y and turn in each step by the poses. said: (n, 5) by the twists.
     """
