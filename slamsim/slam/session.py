@@ -289,6 +289,10 @@ def map_log(
     seconds = {"motion": time.perf_counter() - started_s}
 
     laser = laser_of(log, odometry, config, failures)
+    if laser.reversed.wheels or laser.reversed.gyro:
+        log = laser.reversed.applied(log)
+        odometry = odometry_of(log)
+        laser = laser_of(log, odometry, config, failures)
     log = laser.applied(log)
     seconds["laser"] = time.perf_counter() - started_s - seconds["motion"]
     return_freed_memory()

@@ -145,8 +145,17 @@ def test_a_lidar_upside_down_is_right_where_the_transform_says_so() -> None:
 
 
 @pytest.mark.long
-def test_a_lidar_upside_down_is_noticed_where_nothing_says_so() -> None:
-    assert told(run(damage.mirrored(whole(), said=False)), "lidar")
+def test_a_lidar_upside_down_is_turned_over_where_nothing_says_so() -> None:
+    result = run(damage.mirrored(whole(), said=False))
+    assert result.events == ()
+    assert result.log is not None
+    assert any("mounted upside down" in words for words in result.log.warnings)
+    assert ate_rmse_m(result.trajectory, drive().truth) < 0.01
+
+
+@pytest.mark.long
+def test_a_lidar_upside_down_is_noticed_where_it_is_not_calibrated() -> None:
+    assert told(run(damage.mirrored(whole(), said=False), calibrate_laser=False), "lidar")
 
 
 @pytest.mark.long

@@ -25,10 +25,18 @@ from simulated import (
 
 from slamsim.config.slam import MotionConfig, SlamConfig
 from slamsim.core.geometry import between, compose, se3_from_parts, wrap_angle
-from slamsim.core.types import FloatArray, Log, PlanarTrajectory, ScanBeside, ScanGeometry
+from slamsim.core.types import (
+    EncoderStream,
+    FloatArray,
+    Log,
+    PlanarTrajectory,
+    ScanBeside,
+    ScanGeometry,
+)
 from slamsim.evaluate.relations import score_relations
 from slamsim.io.open import read_log
 from slamsim.io.text.relations import read_relations
+from slamsim.models.wheel_gyro import PARAMETERS
 from slamsim.slam.failures import Failures
 from slamsim.slam.laser.calibration import NAMES, SWEEP, LaserCalibration
 from slamsim.slam.laser.estimate import (
@@ -37,7 +45,8 @@ from slamsim.slam.laser.estimate import (
     calibrate_laser,
     laser_of,
 )
-from slamsim.slam.laser.mount import find_mount
+from slamsim.slam.laser.mount import find_mount, stretches
+from slamsim.slam.laser.reversed import NONE_REVERSED, UPSIDE_DOWN, Reversed, reversed_parts
 from slamsim.slam.laser.scan_motion import BundledWindow
 from slamsim.slam.session import odometry_of, run_slam
 
@@ -287,6 +296,69 @@ def test_a_laser_that_looks_elsewhere_is_found_where_it_is(yaw_rad: float) -> No
     assert abs(found.calibrated()["laser_yaw_rad"].value) <= np.pi
 
 
+@pytest.mark.parametrize("part", ["laser", "wheels", "gyro"])
+def test_what_turns_the_other_way_is_turned_back(part: str) -> None:
+    """An inertial unit upside down tore the map in 50 places, in which SLAM searched for minutes."""
+    true = healthy(0).log
+    assert true.odometry is not None and true.T_base_imu is not None
+    if part == "laser":
+        wrong = replace(upside_down(true), T_base_laser=true.T_base_laser)
+    elif part == "wheels":
+        mirrored = replace(true.odometry, poses=true.odometry.poses * [1.0, -1.0, -1.0])
+        wrong = replace(true, odometry=mirrored)
+    else:
+        wrong = replace(true, T_base_imu=true.T_base_imu @ UPSIDE_DOWN)
+    found = found_in(wrong)
+    assert found.reversed == Reversed(**{part: True})
+    corrected = found.applied(found.reversed.applied(wrong))
+    assert sum("; corrected" in words and "turn" in words for words in corrected.warnings) == 1
+    assert_same_steps(corrected, true)
+    if part == "laser":
+        np.testing.assert_allclose(corrected.T_base_laser, upside_down(true).T_base_laser, atol=0.1)
+        assert (np.abs(found.values - true_values(LaserErrors())) < 4.0 * found.sigmas).all()
+
+
+def assert_same_steps(one: Log, other: Log) -> None:
+    """Wheels and gyroscope of both say the same of the way."""
+    ways = []
+    for log in (one, other):
+        odometry = odometry_of(log)
+        assert odometry is not None
+        first_ns, last_ns = odometry.stamps_ns[[0, -1]].tolist()
+        step = odometry.step(first_ns, last_ns, np.zeros(PARAMETERS))
+        ways.append([*step.T_first_last, step.wheel_turn_rad])
+    np.testing.assert_allclose(ways[0], ways[1], atol=1e-9)
+
+
+def test_without_a_gyroscope_the_laser_hangs_upside_down_and_not_the_robot() -> None:
+    true = replace(healthy(0).log, imu=None)
+    assert found_in(true).reversed == NONE_REVERSED
+    found = found_in(replace(upside_down(true), T_base_laser=true.T_base_laser))
+    assert found.reversed == Reversed(laser=True)
+
+
+def test_turns_that_do_not_agree_show_no_sign() -> None:
+    rng = np.random.default_rng(0)
+    turns = rng.normal(0.0, 0.3, (40, 1)) * [1.0, -1.0, -1.0]
+    assert reversed_parts(turns) == Reversed(laser=True)
+    assert reversed_parts(turns[:5]) == NONE_REVERSED, "a single corner"
+    assert reversed_parts(0.1 * turns) == NONE_REVERSED, "hardly a turn"
+    assert reversed_parts(turns * [1.0, 3.0, 3.0]) == NONE_REVERSED, "in another unit"
+    assert reversed_parts(turns + rng.normal(0.0, 0.3, (40, 3))) == NONE_REVERSED, "noise"
+    assert reversed_parts(turns * [1.0, 1.0, np.nan]) == Reversed(laser=True)
+    assert reversed_parts(turns * [1.0, -1.0, 1.0]) == Reversed(gyro=True)
+    assert reversed_parts(turns * [1.0, 1.0, -1.0]) == Reversed(wheels=True)
+
+
+def test_encoders_whose_sides_are_exchanged_are_changed_back() -> None:
+    ticks_ns, ticks = np.array([0, 10**8]), np.array([[0, 0], [40, 60]])
+    log = replace(healthy(0).log, encoders=EncoderStream(ticks_ns, ticks, 2578, 0.035, 0.23))
+    assert log.encoders is not None
+    changed = Reversed(wheels=True).applied(log).encoders
+    assert changed is not None
+    np.testing.assert_array_equal(changed.ticks, log.encoders.ticks[:, ::-1])
+
+
 def test_wheels_that_are_read_backward_are_told_beside_the_laser() -> None:
     """The laser alone was told: to sit 0.24 m further back and to look the other way."""
     log = healthy(0).log
@@ -338,7 +410,7 @@ def test_a_laser_before_a_robot_that_drives_in_circles_is_found_where_it_is(
     log = replace(healthy(0).log, odometry=noisy_wheels(truth, 0), imu=noisy_gyro(truth, 0))
     odometry, declared = odometry_of(log), np.array([declared_x_m, 0.0, 0.0])
     assert odometry is not None
-    found = find_mount(windows, 0, odometry, declared, MotionConfig())
+    found = find_mount(stretches(windows, 0, odometry), declared, MotionConfig())
     assert found is not None and (found.sigmas < [0.01, 0.01, 0.02]).all()
     off = found.off - (true - declared)
     assert (np.abs([*off[:2], wrap_angle(off[2])]) < 3.0 * found.sigmas).all()

@@ -19,6 +19,7 @@ from slamsim.core.types import (
     ScanSource,
 )
 from slamsim.guard.quantities import as_interval
+from slamsim.slam.laser.reversed import NONE_REVERSED, UPSIDE_DOWN, Reversed
 
 NAMES = (
     "laser_angle_scale",
@@ -45,13 +46,15 @@ class LaserCalibration:
     Angle between beams, true over declared; by how much ranges are too long; seconds from the
     first beam to the last; T_base_laser in the plane. values: as found, with sigmas (infinite where
     nothing told); declared: by the recording; corrected: which are contradicted so plainly that the
-    value found is used. beside: of the robot's other lidars, by their topics.
+    value found is used. reversed: what turns the other way than the robot. beside: of the robot's
+    other lidars, by their topics.
     """
 
     values: FloatArray
     sigmas: FloatArray
     declared: FloatArray
     corrected: BoolArray
+    reversed: Reversed = NONE_REVERSED
     beside: Mapping[str, LaserCalibration] = field(default_factory=dict)
 
     @staticmethod
@@ -103,7 +106,7 @@ class LaserCalibration:
 
     def applied(self, log: Log) -> Log:
         """The log as its lidars really recorded it, with a warning for each number corrected."""
-        if not any(one.corrected.any() for one in (self, *self.beside.values())):
+        if not any(one._differs for one in (self, *self.beside.values())):
             return log
         warnings = self._warnings()
         for topic, one in self.beside.items():
@@ -116,13 +119,13 @@ class LaserCalibration:
         )
 
     def mounted(self, T_base_laser: FloatArray) -> FloatArray:
-        """4 x 4 moved and turned about the base's z from where it is declared to where it is,
-        height and tilt kept."""
+        """4 x 4 moved and turned about the base's z from where it is declared to where it is, and
+        rolled by half a turn if it hangs upside down; height and tilt kept."""
         declared, used = self.declared[MOUNT], self.used[MOUNT]
         moved = T_base_laser.copy()
         moved[:2, :3] = rotation(used[2] - declared[2])[:2, :2] @ T_base_laser[:2, :3]
         moved[:2, 3] += used[:2] - declared[:2]
-        return moved
+        return moved @ UPSIDE_DOWN if self.reversed.laser else moved
 
     def calibrated(self) -> dict[str, Calibrated]:
         """Every number that the recording tells anything of, under its name with its unit."""
@@ -135,11 +138,17 @@ class LaserCalibration:
             if np.isfinite(sigma)
         }
 
+    @property
+    def _differs(self) -> bool:
+        return bool(self.corrected.any()) or self.reversed.laser
+
     def _warnings(self) -> list[str]:
         off = self.values - self.declared
         size, doubt = off * _UNITS, self.sigmas * _UNITS
-        told = [_TURNED_ROUND] if self.is_turned_round else []
-        for n in np.flatnonzero(self.corrected[: MOUNT.start] if told else self.corrected):
+        told = [_UPSIDE_DOWN] if self.reversed.laser else []
+        told += [_TURNED_ROUND] if self.is_turned_round else []
+        shown = self.corrected[: MOUNT.start] if self.is_turned_round else self.corrected
+        for n in np.flatnonzero(shown):
             sentence, more, less = _WORDS[n]
             interval = as_interval(abs(float(size[n])), float(doubt[n]))
             if n == SWEEP and self.backward:
@@ -155,6 +164,10 @@ _TURNED_WITHIN = np.array([0.05, 0.05, np.deg2rad(10.0)])
 _TURNED_ROUND = (
     "the wheels are read backward, or the laser looks the other way from the other side of the "
     "base; corrected"
+)
+_UPSIDE_DOWN = (
+    "the scans turn against wheels and gyroscope: the lidar is mounted upside down, and the "
+    "transform to it does not say so; corrected"
 )
 _UNITS = np.array([100.0, 1e3, 1e3, 1e3, 1e3, np.rad2deg(1.0)])
 """From shares, metres and radians to the units of _WORDS."""

@@ -36,10 +36,11 @@ from slamsim.slam.laser.calibration import (
     SWEEP,
     LaserCalibration,
 )
-from slamsim.slam.laser.mount import Mount, find_mount
+from slamsim.slam.laser.mount import Mount, find_mount, stretches
 from slamsim.slam.laser.noise_bias import without_noise_bias
+from slamsim.slam.laser.reversed import reversed_parts
 from slamsim.slam.laser.scan_bundle import as_sure_as
-from slamsim.slam.laser.scan_motion import BundledWindow, ScanMotions, window_motions
+from slamsim.slam.laser.scan_motion import ScanMotions, window_motions
 from slamsim.slam.laser.scan_windows import choose_windows
 
 FIRST_WINDOWS = 10
@@ -114,10 +115,14 @@ def _calibrated(
         if found.corrected[BENT].any():
             motions = without_noise_bias(scans, looked_at, motions)
             found = _with_shape(unknown, motions)
-        if odometry is not None and _declares_mount(T_base_laser):
-            seen = _from_above(motions.windows, upside_down=T_base_laser[2, 2] < 0.0)
-            mount = find_mount(seen, found.later_ns, odometry, found.declared[MOUNT], config)
-            found = _with_mount(found, mount, by_counters=lidar.by_counters)
+        if odometry is not None and abs(float(T_base_laser[2, 2])) >= LEVEL:
+            moved = stretches(motions.windows, found.later_ns, odometry)
+            moved = moved.mirrored() if T_base_laser[2, 2] < 0.0 else moved
+            found = replace(found, reversed=reversed_parts(moved.turns_rad))
+            moved = moved.mirrored() if found.reversed.laser else moved
+            if _declares_mount(T_base_laser):
+                mount = find_mount(moved, found.declared[MOUNT], config)
+                found = _with_mount(found, mount, by_counters=lidar.by_counters)
         if not _doubtful(found) or len(some) == len(windows):
             break
     return found, mount
@@ -245,13 +250,7 @@ def _with_shape(found: LaserCalibration, motions: ScanMotions) -> LaserCalibrati
 def _declares_mount(T_base_laser: FloatArray) -> bool:
     """Not of a laser at the very origin: poses are then the laser's, as nearly all CARMEN logs
     have it, and where the axle lies is not asked."""
-    level = abs(float(T_base_laser[2, 2])) >= LEVEL
-    return level and not np.array_equal(T_base_laser[:2], np.eye(4)[:2])
-
-
-def _from_above(windows: tuple[BundledWindow, ...], *, upside_down: bool) -> list[BundledWindow]:
-    """What a laser that hangs upside down sees, for one that looks from above."""
-    return [window.mirrored() if upside_down else window for window in windows]
+    return not np.array_equal(T_base_laser[:2], np.eye(4)[:2])
 
 
 def _with_mount(

@@ -8,7 +8,7 @@ their stamps and the lidar's, are unknowns of the same least squares.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -70,7 +70,7 @@ class Mount:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Stretches:
+class Stretches:
     """n stretches: step of the laser (n, 3) with covariance (n, 3, 3), odometry's step of the base,
     its derivative (n, 4) by a delay of the odometry's stamps, and the window (n,) it is from."""
 
@@ -80,20 +80,62 @@ class _Stretches:
     by_delay: FloatArray
     window: FloatArray
 
+    @property
+    def turns_rad(self) -> FloatArray:
+        """(n, 3) by laser, wheels and gyroscope, nan where that was silent for a part."""
+        turned = [
+            (step.wheel_turn_rad, step.T_first_last[2] if step.gyro_s >= step.seconds else np.nan)
+            for step in self.steps
+        ]
+        return np.column_stack([self.T_laser[:, 2], np.array(turned).reshape(-1, 2)])
 
-def find_mount(
-    windows: Sequence[BundledWindow],
-    later_ns: int,
-    odometry: Odometry,
-    T_base_laser: FloatArray,
-    config: MotionConfig,
-) -> Mount | None:
-    """The mount near the declared one (3,); None where the motion tells nothing of it.
+    def mirrored(self) -> Stretches:
+        """As a laser that looks from the other side of the plane would have them."""
+        turned = np.array([1.0, -1.0, -1.0])
+        T_laser, covariance = self.T_laser * turned, self.covariance * np.outer(turned, turned)
+        return replace(self, T_laser=T_laser, covariance=covariance)
 
-    later_ns: by how much the middle beams fired later than ``windows`` say. A laser upside down
-    is to be mirrored by the caller.
-    """
-    found = _stretches(windows, later_ns, odometry)
+
+def stretches(windows: Sequence[BundledWindow], later_ns: int, odometry: Odometry) -> Stretches:
+    """All of them that odometry covers and in which the robot drives. later_ns: by how
+    much the middle beams fired later than ``windows`` say."""
+    none, step_ns = np.zeros(PARAMETERS), round(DELAY_STEP_S * 1e9)
+    moved, covariances, steps, by_delay, numbers = [], [], [], [], []
+    for number, window in enumerate(windows):
+        at_ns = window.middle_ns + later_ns
+        for first in range(0, len(at_ns) - STRETCH_SCANS, STRETCH_SCANS):
+            last = first + STRETCH_SCANS
+            begin_ns, end_ns = int(at_ns[first]), int(at_ns[last])
+            around = (begin_ns - step_ns, end_ns + step_ns)
+            if begin_ns >= end_ns or not odometry.covers(*around):
+                continue
+            step = odometry.step(begin_ns, end_ns, none)
+            if step.path_m == 0.0:
+                continue
+            early = odometry.step(begin_ns - step_ns, end_ns - step_ns, none)
+            late = odometry.step(begin_ns + step_ns, end_ns + step_ns, none)
+            T_step = between(window.T_window_laser[first], window.T_window_laser[last])
+            jacobian = np.hstack([-adjoint(inverse(T_step)), np.eye(3)])
+            rows = np.concatenate([np.arange(3 * k, 3 * k + 3) for k in (first, last)])
+            moved.append(T_step)
+            covariances.append(jacobian @ window.covariance[np.ix_(rows, rows)] @ jacobian.T)
+            steps.append(step)
+            turned = late.wheel_turn_rad - early.wheel_turn_rad
+            apart = np.append(between(early.T_first_last, late.T_first_last), turned)
+            by_delay.append(apart / (2.0 * DELAY_STEP_S))
+            numbers.append(number)
+    return Stretches(
+        np.array(moved).reshape(-1, 3),
+        np.array(covariances).reshape(-1, 3, 3),
+        tuple(steps),
+        np.array(by_delay).reshape(-1, 4),
+        np.array(numbers, dtype=np.float64),
+    )
+
+
+def find_mount(found: Stretches, T_base_laser: FloatArray, config: MotionConfig) -> Mount | None:
+    """The mount near the declared one (3,); None where the motion tells nothing of it. A laser
+    upside down is to be mirrored by the caller."""
     if len(found.steps) < LEAST_STRETCHES or np.unique(found.window).size < LEAST_WINDOWS:
         return None
     begin = np.append(T_base_laser[:2], _rough_yaw_rad(found, T_base_laser))
@@ -121,7 +163,7 @@ def find_mount(
     return Mount(values[MOUNT] - T_base_laser, np.sqrt(variance), len(spread))
 
 
-def _rough_yaw_rad(found: _Stretches, T_base_laser: FloatArray) -> float:
+def _rough_yaw_rad(found: Stretches, T_base_laser: FloatArray) -> float:
     """Where the laser looks by the direction of its steps against those of the place where it is
     declared to sit, which in turns moves otherwise than the base, if that is far from the declared
     one, from which the least squares would not come there; else as declared."""
@@ -134,41 +176,6 @@ def _rough_yaw_rad(found: _Stretches, T_base_laser: FloatArray) -> float:
     return declared_rad + off_rad if kept and abs(off_rad) > TURNED_RAD else declared_rad
 
 
-def _stretches(windows: Sequence[BundledWindow], later_ns: int, odometry: Odometry) -> _Stretches:
-    none, step_ns = np.zeros(PARAMETERS), round(DELAY_STEP_S * 1e9)
-    moved, covariances, steps, by_delay, numbers = [], [], [], [], []
-    for number, window in enumerate(windows):
-        at_ns = window.middle_ns + later_ns
-        for first in range(0, len(at_ns) - STRETCH_SCANS, STRETCH_SCANS):
-            last = first + STRETCH_SCANS
-            begin_ns, end_ns = int(at_ns[first]), int(at_ns[last])
-            around = (begin_ns - step_ns, end_ns + step_ns)
-            if begin_ns >= end_ns or not odometry.covers(*around):
-                continue
-            step = odometry.step(begin_ns, end_ns, none)
-            if step.path_m == 0.0:
-                continue
-            early = odometry.step(begin_ns - step_ns, end_ns - step_ns, none)
-            late = odometry.step(begin_ns + step_ns, end_ns + step_ns, none)
-            T_step = between(window.T_window_laser[first], window.T_window_laser[last])
-            jacobian = np.hstack([-adjoint(inverse(T_step)), np.eye(3)])
-            rows = np.concatenate([np.arange(3 * k, 3 * k + 3) for k in (first, last)])
-            moved.append(T_step)
-            covariances.append(jacobian @ window.covariance[np.ix_(rows, rows)] @ jacobian.T)
-            steps.append(step)
-            turned = late.wheel_turn_rad - early.wheel_turn_rad
-            apart = np.append(between(early.T_first_last, late.T_first_last), turned)
-            by_delay.append(apart / (2.0 * DELAY_STEP_S))
-            numbers.append(number)
-    return _Stretches(
-        np.array(moved).reshape(-1, 3),
-        np.array(covariances).reshape(-1, 3, 3),
-        tuple(steps),
-        np.array(by_delay).reshape(-1, 4),
-        np.array(numbers, dtype=np.float64),
-    )
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Weighted:
     """information (n, 9, 9) and push (n, 9) of each stretch."""
@@ -177,7 +184,7 @@ class _Weighted:
     push: FloatArray
 
 
-def _weighted(found: _Stretches, values: FloatArray, noise: OdometryNoise) -> _Weighted:
+def _weighted(found: Stretches, values: FloatArray, noise: OdometryNoise) -> _Weighted:
     at = _residual(found, values, noise)
     jacobian = np.zeros((*at.residual.shape, len(values)))
     jacobian[..., :PARAMETERS] = at.jacobian
@@ -196,7 +203,7 @@ def _weighted(found: _Stretches, values: FloatArray, noise: OdometryNoise) -> _W
     )
 
 
-def _residual(found: _Stretches, values: FloatArray, noise: OdometryNoise) -> Evidence:
+def _residual(found: Stretches, values: FloatArray, noise: OdometryNoise) -> Evidence:
     """Odometry less scans, as steps of the base."""
     T_base_laser = np.broadcast_to(values[MOUNT], found.T_laser.shape)
     T_base = compose(compose(T_base_laser, found.T_laser), inverse(T_base_laser))

@@ -58,16 +58,6 @@ class BundledWindow:
     covariance: FloatArray
     inlier_share: FloatArray
 
-    def mirrored(self) -> BundledWindow:
-        """As a laser that looks from the other side of the plane would have it."""
-        turned = np.array([1.0, -1.0, -1.0])
-        signs = np.tile(turned, len(self.scans))
-        return replace(
-            self,
-            T_window_laser=self.T_window_laser * turned,
-            covariance=self.covariance * signs[:, None] * signs,
-        )
-
     def steps(self) -> tuple[FloatArray, FloatArray]:
         """(n - 1, 3) motion from each scan to the next, and its information (n - 1, 3, 3) as a
         small step of the later laser in its own frame."""
