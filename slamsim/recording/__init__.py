@@ -38,6 +38,27 @@ class ScanLayout:
         step_rad = abs(self.angle_step_rad)
         return step_rad * (beams - 1) > 2.0 * math.pi + step_rad
 
+    def unfolded(self, beams: int) -> ScanLayout:
+        """What a layout that folds was before its angle between beams was rounded to some decimal:
+        of 1,800 beams 0.00349 rad are often written as 0.0035. As declared if it does not fold, or
+        if neither its ends nor a whole turn give an angle that rounds to the declared one."""
+        if not self.folds(beams):
+            return self
+        span_rad = self.angle_max_rad - self.angle_min_rad
+        turn_rad = math.copysign(2.0 * math.pi, self.angle_step_rad)
+        for step_rad in (span_rad / (beams - 1), turn_rad / beams, turn_rad / (beams - 1)):
+            finer = replace(self, angle_step_rad=step_rad)
+            if _rounds_to(step_rad, self.angle_step_rad) and not finer.folds(beams):
+                return finer
+        return self
+
+
+def _rounds_to(exact: float, rounded: float) -> bool:
+    """Whether a number is another one to 2 to 6 decimals; the latter may be of single precision."""
+    return math.isfinite(exact) and any(
+        math.isclose(round(exact, decimals), rounded, rel_tol=1e-6) for decimals in range(2, 7)
+    )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Origin:

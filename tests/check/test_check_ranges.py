@@ -25,6 +25,7 @@ from slamsim.io.open import open_recording
 from slamsim.recording import RawImu, RawOdometry, RawScans, Recording, ScanLayout, TransformEdge
 from slamsim.recording.edits.messages import select
 from slamsim.recording.repairs.apply import apply_repairs
+from slamsim.recording.repairs.base import Repair
 from slamsim.slam.matching.range_noise import COARSE_STEP_M, rounding_step_m
 
 
@@ -200,14 +201,23 @@ def test_declarations_that_contradict_the_readings(layout: ScanLayout, fault: st
     assert bad(range_findings(recorded(room(), layout))) == [fault]
 
 
-@pytest.mark.parametrize("is_step_alone", [True, False])
-def test_of_scans_that_fold_the_step_may_be_rounded(is_step_alone: bool) -> None:
-    step_rad = 1.5 * STEP_RAD
-    last_rad = LAYOUT.angle_min_rad + step_rad * (room().shape[1] - 1)
-    angle_max_rad = LAYOUT.angle_max_rad if is_step_alone else last_rad
-    layout = replace(LAYOUT, angle_step_rad=step_rad, angle_max_rad=angle_max_rad)
-    told = [one for one in range_findings(recorded(room(), layout)) if one.fault == "scan_folds"]
-    assert [f"declare {STEP_RAD:.6g} rad" in one.advice for one in told] == [is_step_alone]
+def test_scans_that_fold_by_a_rounded_angle_are_unfolded() -> None:
+    beams = 1800
+    ranges_m = np.random.default_rng(0).uniform(2.0, 3.0, (20, beams)).astype(np.float32)
+    turn = replace(LAYOUT, angle_min_rad=-np.pi, angle_max_rad=np.pi, angle_step_rad=0.0035)
+    advice, repairs = folded(ranges_m, turn)
+    assert advice == "Declare 0.0034926 rad between beams."
+    (repair,) = repairs
+    assert repair.number("factor") * 0.0035 == pytest.approx(2.0 * np.pi / (beams - 1))
+    advice, repairs = folded(ranges_m, replace(turn, angle_step_rad=0.007))
+    assert advice == "Publish each turn as a scan of its own." and not repairs
+
+
+def folded(ranges_m: Float32Array, layout: ScanLayout) -> tuple[str, tuple[Repair, ...]]:
+    """What is advised of scans of more than a turn."""
+    found = range_findings(recorded(ranges_m, layout))
+    (told,) = [one for one in found if one.fault == "scan_folds"]
+    return told.advice, told.repairs
 
 
 @pytest.mark.parametrize(

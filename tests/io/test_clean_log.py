@@ -14,7 +14,14 @@ from recording_data import edge, odometry_at, recording, scans_at, stamps
 from slamsim.core.geometry import matrix_from_xyzw, se3_from_parts, xyzw_from_yaw
 from slamsim.core.types import FloatArray
 from slamsim.guard.errors import InputRefused
-from slamsim.recording import RawOdometry, RawScans, RecordedTopic, Recording, TransformEdge
+from slamsim.recording import (
+    RawOdometry,
+    RawScans,
+    RecordedTopic,
+    Recording,
+    ScanLayout,
+    TransformEdge,
+)
 from slamsim.recording.cleaning.log import clean
 from slamsim.recording.frames import FrameTree
 
@@ -195,3 +202,43 @@ def test_scans_that_may_well_be_the_same_are_all_used(read: Recording) -> None:
     log = clean(read, SOURCE)
     assert len(log.scans) == 100
     assert not any("repeat the one before" in words for words in log.warnings)
+
+
+@given(st.integers(300, 6000), st.integers(3, 6), st.booleans(), st.booleans(), st.booleans())
+def test_a_turn_whose_angle_between_beams_is_rounded_is_a_turn(
+    beams: int, decimals: int, is_closed: bool, by_rounded: bool, is_clockwise: bool
+) -> None:
+    """As drivers write it: with the last beam on the first one or before it, and ends exact or
+    computed with what was rounded."""
+    step_rad = (-1.0 if is_clockwise else 1.0) * 2.0 * np.pi / (beams - is_closed)
+    rounded_rad = float(np.float32(round(step_rad, decimals)))
+    if rounded_rad == 0.0:
+        return
+    last_rad = -np.pi + (beams - 1) * (rounded_rad if by_rounded else step_rad)
+    layout = ScanLayout(-np.pi, last_rad, rounded_rad, 0.0, 0.0, 0.1, 10.0)
+    if layout.folds(beams):
+        assert layout.unfolded(beams).angle_step_rad == pytest.approx(step_rad, rel=1.01 / beams)
+    else:
+        assert layout.unfolded(beams) is layout
+
+
+def test_scans_that_fold_otherwise_are_left_alone() -> None:
+    for step_rad in (0.07, 0.0123456, 1e9):
+        layout = ScanLayout(-np.pi, np.pi, step_rad, 0.0, 0.0, 0.1, 10.0)
+        assert layout.folds(720) and layout.unfolded(720) is layout
+
+
+def test_scans_of_a_turn_with_a_rounded_angle_are_used_and_that_is_told() -> None:
+    raw = _drive(is_moving=True, is_noisy=True)
+    scans = replace(raw.scans[0], ranges_m=np.repeat(raw.scans[0].ranges_m, 30, axis=1))
+    step_rad = 2.0 * np.pi / 1800
+    rounded = replace(
+        *scans.layouts,
+        angle_min_rad=-np.pi,
+        angle_max_rad=np.pi - step_rad,
+        angle_step_rad=0.0035,
+    )
+    log = clean(raw.with_streams(RawScans, [replace(scans, layouts=(rounded,))]), SOURCE)
+    (used_rad,) = {scan.geometry.angle_step_rad for scan in log.scans}
+    assert used_rad == pytest.approx(step_rad)
+    assert any("rounded to more than a turn" in words for words in log.warnings)

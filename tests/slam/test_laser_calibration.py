@@ -298,7 +298,7 @@ def test_a_laser_that_looks_elsewhere_is_found_where_it_is(yaw_rad: float) -> No
 
 @pytest.mark.parametrize("part", ["laser", "wheels", "gyro"])
 def test_what_turns_the_other_way_is_turned_back(part: str) -> None:
-    """An inertial unit upside down tore the map in 50 places, in which SLAM searched for minutes."""
+    """An inertial unit upside down tore the map in 50 places and took SLAM minutes."""
     true = healthy(0).log
     assert true.odometry is not None and true.T_base_imu is not None
     if part == "laser":

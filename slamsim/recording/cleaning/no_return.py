@@ -65,8 +65,11 @@ SAMPLED_READINGS = 1_000_000
 
 _Rows = Sequence[Float32Array] | Float32Array
 _UNKNOWN_STEP_RAD = 1e-9  # so small that no run of beams is too long for a flat wall
-_LOG_LEVEL = math.log(FALSE_ALARM / (2 * 2 * (HALVINGS + 2) * 25))
-"""Both tests, both tops, every width, and up to 25 codes share the false alarm rate."""
+MOST_CODES = 25
+"""Scanners have up to nine error codes (SICK). What seems to have more is a room in which all beams
+of a scan are alike, and to peel them off one by one took minutes."""
+_LOG_LEVEL = math.log(FALSE_ALARM / (2 * 2 * (HALVINGS + 2) * MOST_CODES))
+"""Both tests, both tops, every width, and all codes share the false alarm rate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -270,10 +273,13 @@ def _beyond(values: FloatArray, declared_m: float) -> float:
 def _peeled(readings: _Readings, declared_m: float) -> tuple[list[Code], _Readings]:
     """(the codes at the top, highest first, the readings without them)."""
     codes: list[Code] = []
-    while (code := _code_at_top(readings, declared_m)) is not None:
+    left = readings
+    while (code := _code_at_top(left, declared_m)) is not None:
         codes.append(code)
-        readings = readings.of_those(readings.values < code.lowest_m)
-    return codes, readings
+        left = left.of_those(left.values < code.lowest_m)
+        if len(codes) > MOST_CODES:
+            return [], readings
+    return codes, left
 
 
 def _code_at_top(readings: _Readings, declared_m: float) -> Code | None:

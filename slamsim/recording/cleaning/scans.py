@@ -156,6 +156,7 @@ class _Geometries:
         return self._known[key]
 
     def _made(self, layout: ScanLayout, ranges_m: Float32Array) -> ScanGeometry | None:
+        layout = layout.unfolded(ranges_m.size)
         step_rad, beam_dt_s = layout.angle_step_rad, layout.beam_dt_s
         range_min_m = max(layout.range_min_m if math.isfinite(layout.range_min_m) else 0.0, 0.0)
         sound = all(map(math.isfinite, (layout.angle_min_rad, step_rad, beam_dt_s)))
@@ -215,7 +216,7 @@ class ScanSurvey:
         self._sample = RangeSample()
         self._declared_m: Counter[float] = Counter()
         self._beam_counts: set[int] = set()
-        self._odd_angle_max = 0
+        self._odd_angle_max = self._rounded_steps = 0
         self._instantaneous, self._backward = True, False
         geometries = _Geometries(raw)
         rows, is_same, is_repeat = list[int](), list[bool](), list[bool]()
@@ -244,6 +245,7 @@ class ScanSurvey:
         spanned_rad = (geometry.beam_count - 1) * geometry.angle_step_rad
         off_rad = abs(layout.angle_max_rad - geometry.angle_min_rad - spanned_rad)
         self._odd_angle_max += not off_rad < 0.5 * abs(geometry.angle_step_rad)
+        self._rounded_steps += geometry.angle_step_rad != layout.angle_step_rad
         self._instantaneous &= geometry.beam_dt_ns == 0
         self._backward |= geometry.beam_dt_ns < 0
 
@@ -304,6 +306,11 @@ class ScanSurvey:
                 self._odd_angle_max,
                 f"angle_max of {self._odd_angle_max} scans contradicts increment and count, "
                 "which are believed",
+            ),
+            (
+                self._rounded_steps,
+                f"the angle between beams of {self._rounded_steps} scans is rounded to more than a "
+                "turn: taken from the first and last angle",
             ),
             (
                 has_beam_times and self._instantaneous,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
@@ -58,7 +57,7 @@ LAYOUT = Question(
     "the declared angles fit the number of beams, and the time between beams is a number",
     (SCAN_LAYOUT, SCAN_FOLDS),
     consequence="consumers that use angle_max turn or stretch the scan, or refuse it",
-    repairs=("set_angle_max",),
+    repairs=("set_angle_max", "scale_angles"),
 )
 INTENSITIES = Question(
     "ranges.intensities",
@@ -144,16 +143,7 @@ def _layouts(scans: RawScans) -> Iterator[Finding]:
         layout = scans.layouts[number]
         last_rad = layout.angle_min_rad + (beams - 1) * layout.angle_step_rad
         if layout.folds(beams):
-            yield judge(
-                LAYOUT,
-                scans.topic,
-                f"{beams} beams from {np.degrees(layout.angle_min_rad):.2f} to "
-                f"{np.degrees(last_rad):.2f} deg look along some directions twice: SLAM refuses "
-                "such scans",
-                verdict="fault",
-                fault=SCAN_FOLDS,
-                advice=_unfolded(layout, beams),
-            )
+            yield _folded(scans.topic, layout, beams)
             return
         off = abs(layout.angle_max_rad - last_rad)
         if off <= 1.5 * abs(layout.angle_step_rad):
@@ -170,14 +160,23 @@ def _layouts(scans: RawScans) -> Iterator[Finding]:
         return
 
 
-def _unfolded(layout: ScanLayout, beams: int) -> str:
-    """What to do about so many beams that make more than a turn. 1800 beams of one turn do if
-    0.00349 rad between them are written as 0.0035."""
-    turns = "Publish each turn as a scan of its own"
-    step_rad = (layout.angle_max_rad - layout.angle_min_rad) / (beams - 1)
-    if not np.isfinite(step_rad) or replace(layout, angle_step_rad=step_rad).folds(beams):
-        return f"{turns}."
-    return f"{turns}, or declare {step_rad:.6g} rad between beams, as angle_min and angle_max do."
+def _folded(topic: str, layout: ScanLayout, beams: int) -> Finding:
+    """So many beams make more than a turn; if their angle is merely rounded, SLAM knows it."""
+    ends_deg = np.degrees(layout.angle_min_rad + np.array([0.0, beams - 1]) * layout.angle_step_rad)
+    words = f"{beams} beams from {ends_deg[0]:.2f} to {ends_deg[1]:.2f} deg look along some "
+    words += "directions twice: "
+    step_rad = layout.unfolded(beams).angle_step_rad
+    if step_rad == layout.angle_step_rad:
+        words += "SLAM refuses such scans"
+        advice, repairs = "Publish each turn as a scan of its own.", list[Repair]()
+    else:
+        words += f"the angle between them is rounded, and SLAM takes {step_rad:.6g} rad"
+        advice = f"Declare {step_rad:.6g} rad between beams."
+        factor = step_rad / layout.angle_step_rad
+        repairs = [Repair("scale_angles", topic, {"factor": factor, "pivot": "first"})]
+    return judge(
+        LAYOUT, topic, words, verdict="fault", fault=SCAN_FOLDS, advice=advice, repairs=repairs
+    )
 
 
 def _beam_times(scans: RawScans) -> Iterator[Finding]:
