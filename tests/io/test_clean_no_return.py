@@ -208,13 +208,13 @@ def test_a_range_that_walls_reach_is_no_code(side_m: float, known: bool) -> None
     assert limit.codes == () and limit.maximum_m(3.5) == 3.5
 
 
-@settings(max_examples=60, deadline=None)
 def test_scans_that_are_round_rooms_have_no_codes() -> None:
     """Each of 200 distances was one, peeled off after the other."""
     rooms = np.tile(np.linspace(1.0, 4.0, 200)[:, None], (1, 180)).astype(np.float32)
     assert find_limit(rooms, STEP_RAD, 30.0).codes == ()
 
 
+@settings(max_examples=60, deadline=None)
 @given(
     size=st.tuples(st.floats(2.0, 80.0), st.floats(2.0, 80.0)),
     speed=st.floats(0.0, 0.2),
