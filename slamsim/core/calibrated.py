@@ -24,6 +24,7 @@ _SHOWN = {
     "laser_x_m": ("laser, forward of the base", "laser x", "mm", 1e3, 0.0),
     "laser_y_m": ("laser, left of the base", "y", "mm", 1e3, 0.0),
     "laser_yaw_rad": ("laser, turned to the left", "yaw", "°", math.degrees(1.0), 0.0),
+    "laser_delay_s": ("scans, taken after their stamps", "scans late", "ms", 1e3, 0.0),
 }
 """Of each number: its name, the short one, the unit, its factor and what is taken off before."""
 

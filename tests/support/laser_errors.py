@@ -26,7 +26,7 @@ from slamsim.io.open import read_log
 @dataclass(frozen=True)
 class LaserErrors:
     """By how much a recording is wrong: angle_step, range_scale: as shares of what is true;
-    sweep_s: what it declares from the first beam to the last, None as it is."""
+    sweep_s: what it declares from the first beam to the last, None as it is. late_s: of stamps."""
 
     angle_step: float = 0.0
     range_offset_m: float = 0.0
@@ -34,6 +34,7 @@ class LaserErrors:
     yaw_rad: float = 0.0
     x_m: float = 0.0
     sweep_s: float | None = None
+    late_s: float = 0.0
 
     def of(self, log: Log) -> Log:
         """The log with these errors."""
@@ -47,7 +48,9 @@ class LaserErrors:
         geometry = scan.geometry
         ranges_m = scan.ranges_m * (1.0 + self.range_scale) + self.range_offset_m
         ranges_m = np.where(ranges_m > 0.0, ranges_m, np.nan).astype(np.float32)
-        return replace(scan, ranges_m=ranges_m, geometry=self._geometry(geometry))
+        stamp_ns = scan.stamp_ns + round(1e9 * self.late_s)
+        geometry = self._geometry(geometry)
+        return replace(scan, stamp_ns=stamp_ns, ranges_m=ranges_m, geometry=geometry)
 
     def _geometry(self, geometry: ScanGeometry) -> ScanGeometry:
         intervals = geometry.beam_count - 1

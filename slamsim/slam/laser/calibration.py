@@ -28,12 +28,15 @@ NAMES = (
     "laser_x_m",
     "laser_y_m",
     "laser_yaw_rad",
+    "laser_delay_s",
 )
 ANGLE_SCALE, RANGE_OFFSET, SWEEP = range(3)
-SHAPE, MOUNT, YAW = slice(0, 3), slice(3, 6), 5
-PRIOR_SIGMAS = np.array([0.005, 0.03, 0.025, 0.05, 0.05, np.deg2rad(2.0)])
+SHAPE, MOUNT, YAW, DELAY = slice(0, 3), slice(3, 6), 5, 6
+PLACED = slice(3, 7)
+PRIOR_SIGMAS = np.array([0.005, 0.03, 0.025, 0.05, 0.05, np.deg2rad(2.0), 0.05])
 """What is to be expected of a laser before it was looked at: step between beams confused with that
-of one beam more or less; +-30 mm of Hokuyo and SICK; beam times left out; a mount by tape."""
+of one beam more or less; +-30 mm of Hokuyo and SICK; beam times left out; a mount by tape; stamps
+by software."""
 
 OBSERVED_SHARE = 0.3
 """A number counts as observed if the recording left less than this of what was uncertain."""
@@ -41,10 +44,11 @@ OBSERVED_SHARE = 0.3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LaserCalibration:
-    """(6,) arrays in the order of ``NAMES``.
+    """(7,) arrays in the order of ``NAMES``.
 
     Angle between beams, true over declared; by how much ranges are too long; seconds from the
-    first beam to the last; T_base_laser in the plane. values: as found, with sigmas (infinite where
+    first beam to the last; T_base_laser in the plane; seconds by which a scan was taken later than
+    its stamp says. values: as found, with sigmas (infinite where
     nothing told); declared: by the recording; corrected: which are contradicted so plainly that the
     value found is used. reversed: what turns the other way than the robot. beside: of the robot's
     other lidars, by their topics.
@@ -60,7 +64,7 @@ class LaserCalibration:
     @staticmethod
     def unknown(T_base_laser: FloatArray, sweep_s: float = 0.0) -> LaserCalibration:
         """Nothing known but what is declared; sweep_s: of all beams of a scan."""
-        declared = np.array([1.0, 0.0, sweep_s, *se2_from_se3(T_base_laser)])
+        declared = np.array([1.0, 0.0, sweep_s, *se2_from_se3(T_base_laser), 0.0])
         none = np.zeros(len(NAMES), dtype=np.bool_)
         return LaserCalibration(declared, np.full(len(NAMES), np.inf), declared, none)
 
@@ -75,7 +79,7 @@ class LaserCalibration:
 
     @property
     def used(self) -> FloatArray:
-        """(6,) found where corrected, else declared."""
+        """(7,) found where corrected, else declared."""
         return np.where(self.corrected, self.values, self.declared)
 
     @property
@@ -102,7 +106,7 @@ class LaserCalibration:
     def later_ns(self) -> int:
         """By how much the middle beam fired later than declared."""
         sweep_s = -self.used[SWEEP] if self.backward else self.used[SWEEP]
-        return round(0.5e9 * float(sweep_s - self.declared[SWEEP]))
+        return round(1e9 * float(0.5 * (sweep_s - self.declared[SWEEP]) + self.used[DELAY]))
 
     def applied(self, log: Log) -> Log:
         """The log as its lidars really recorded it, with a warning for each number corrected."""
@@ -129,7 +133,8 @@ class LaserCalibration:
 
     def calibrated(self) -> dict[str, Calibrated]:
         """Every number that the recording tells anything of, under its name with its unit."""
-        values = np.append(self.values[:YAW], wrap_angle(self.values[YAW]))
+        values = self.values.copy()
+        values[YAW] = wrap_angle(values[YAW])
         return {
             name: Calibrated(float(value), float(sigma), bool(sigma < OBSERVED_SHARE * before))
             for name, value, sigma, before in zip(
@@ -147,7 +152,8 @@ class LaserCalibration:
         size, doubt = off * _UNITS, self.sigmas * _UNITS
         told = [_UPSIDE_DOWN] if self.reversed.laser else []
         told += [_TURNED_ROUND] if self.is_turned_round else []
-        shown = self.corrected[: MOUNT.start] if self.is_turned_round else self.corrected
+        shown = self.corrected.copy()
+        shown[MOUNT] &= not self.is_turned_round
         for n in np.flatnonzero(shown):
             sentence, more, less = _WORDS[n]
             interval = as_interval(abs(float(size[n])), float(doubt[n]))
@@ -169,7 +175,7 @@ _UPSIDE_DOWN = (
     "the scans turn against wheels and gyroscope: the lidar is mounted upside down, and the "
     "transform to it does not say so; corrected"
 )
-_UNITS = np.array([100.0, 1e3, 1e3, 1e3, 1e3, np.rad2deg(1.0)])
+_UNITS = np.array([100.0, 1e3, 1e3, 1e3, 1e3, np.rad2deg(1.0), 1e3])
 """From shares, metres and radians to the units of _WORDS."""
 _WORDS = (
     ("the angle between beams is {} % {} than declared", "larger", "smaller"),
@@ -178,6 +184,7 @@ _WORDS = (
     ("the laser sits {} mm further {} than declared", "forward", "back"),
     ("the laser sits {} mm further to the {} than declared", "left", "right"),
     ("the laser looks {} degrees further to the {} than declared", "left", "right"),
+    ("scans are stamped {} ms too {} for wheels and gyroscope", "early", "late"),
 )
 
 
@@ -214,6 +221,7 @@ class _CorrectedShape:
         used = lidar.used
         self._scale, self._offset_m = float(used[ANGLE_SCALE]), float(used[RANGE_OFFSET])
         self._longer_s = float(used[SWEEP] - lidar.declared[SWEEP])
+        self._later_ns = round(1e9 * float(used[DELAY]))
         self._backward = lidar.backward
         self._geometries: dict[ScanGeometry, ScanGeometry] = {}
 
@@ -226,6 +234,7 @@ class _CorrectedShape:
         if self._offset_m != 0.0:
             ranges_m = ranges_m - np.float32(self._offset_m)
             ranges_m = np.where(ranges_m > 0.0, ranges_m, np.float32(np.nan))
+        scan = replace(scan, stamp_ns=scan.stamp_ns + self._later_ns)
         if not self._backward:
             return replace(scan, ranges_m=ranges_m, geometry=geometry)
         intensities = None if scan.intensities is None else scan.intensities[::-1]

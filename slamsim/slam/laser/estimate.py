@@ -31,12 +31,13 @@ from slamsim.slam.frontend.motion import Odometry
 from slamsim.slam.laser.calibration import (
     ANGLE_SCALE,
     MOUNT,
+    PLACED,
     RANGE_OFFSET,
     SHAPE,
     SWEEP,
     LaserCalibration,
 )
-from slamsim.slam.laser.mount import Mount, find_mount, stretches
+from slamsim.slam.laser.mount import DELAY_ROUNDS, DELAY_STEP_S, Mount, find_mount, stretches
 from slamsim.slam.laser.noise_bias import without_noise_bias
 from slamsim.slam.laser.reversed import reversed_parts
 from slamsim.slam.laser.scan_bundle import as_sure_as
@@ -55,12 +56,12 @@ LEAST_WINDOWS, LEAST_UNDECLARED = 12, 3
 for the sweep of scans without beam times, which is a number that was left out and not one that is
 contradicted: in 12 s of a tenth of a second each it leads 14 mm astray, and is found to 1 ms."""
 
-HARM, HARM_SIGMAS = np.array([2e-3, 0.01, 5e-3, 0.03, 0.03, np.deg2rad(1.0)]), 2.0
+HARM, HARM_SIGMAS = np.array([2e-3, 0.01, 5e-3, 0.03, 0.03, np.deg2rad(1.0), 0.03]), 2.0
 """Errors of this size are to be excluded with so many sigmas by the first look: a third of a degree
-over half a turn, the noise of a range, half a degree at 100 degrees a second."""
+over half a turn, the noise of a range, half a degree at 100 degrees a second, three of them."""
 
 PLACE_TOLERANCE_M, POSES_TOLERANCE_M = 0.02, 0.06
-TOLERANCE = np.array([2e-4, 2e-3, 5e-4, *(2 * [PLACE_TOLERANCE_M]), np.deg2rad(1.0)])
+TOLERANCE = np.array([2e-4, 2e-3, 5e-4, *(2 * [PLACE_TOLERANCE_M]), np.deg2rad(1.0), 0.01])
 """Errors up to this are left as they are: maps do not show them, and no bracket is better. Odometry
 that comes as poses is about some point of the driver's: of four Radish logs it puts the laser up to
 44 mm and 0.6 degrees from where relations that were verified by hand have it."""
@@ -119,13 +120,37 @@ def _calibrated(
             moved = stretches(motions.windows, found.later_ns, odometry)
             moved = moved.mirrored() if T_base_laser[2, 2] < 0.0 else moved
             found = replace(found, reversed=reversed_parts(moved.turns_rad))
-            moved = moved.mirrored() if found.reversed.laser else moved
+            upside_down = found.reversed.laser != bool(T_base_laser[2, 2] < 0.0)
             if _declares_mount(T_base_laser):
-                mount = find_mount(moved, found.declared[MOUNT], config)
+                mount = _mount(motions, found, odometry, config, upside_down=upside_down)
                 found = _with_mount(found, mount, by_counters=lidar.by_counters)
         if not _doubtful(found) or len(some) == len(windows):
             break
     return found, mount
+
+
+def _mount(
+    motions: ScanMotions,
+    found: LaserCalibration,
+    odometry: Odometry,
+    config: MotionConfig,
+    *,
+    upside_down: bool,
+) -> Mount | None:
+    """The mount; a delay beyond which turns are no longer even is found about what it was found."""
+    delay_s = 0.0
+    for _ in range(DELAY_ROUNDS):
+        moved = stretches(motions.windows, found.later_ns + round(1e9 * delay_s), odometry)
+        mount = find_mount(
+            moved.mirrored() if upside_down else moved, found.declared[MOUNT], config
+        )
+        if mount is None:
+            return None
+        mount, before_s = mount.delayed(delay_s), delay_s
+        delay_s = float(mount.off[-1])
+        if abs(delay_s - before_s) < DELAY_STEP_S:
+            break
+    return mount
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -256,16 +281,18 @@ def _declares_mount(T_base_laser: FloatArray) -> bool:
 def _with_mount(
     found: LaserCalibration, mount: Mount | None, *, by_counters: bool
 ) -> LaserCalibration:
-    """A laser that is turned, but at the origin, stays there for the same reason."""
+    """A laser that is turned, but at the origin, stays there for the same reason. Stamps are left
+    alone of a robot whose motion is not that of its odometry at any time, as one that skids."""
     if mount is None:
         return found
     tolerance = TOLERANCE.copy()
     if not by_counters:
         tolerance[MOUNT][:2] = POSES_TOLERANCE_M
-    values = found.declared[MOUNT] + mount.off
-    told = found.told(MOUNT, values, mount.sigmas, np.zeros(3, dtype=np.bool_))
-    wrong = _off(told, as_sure_as(SURE_SIGMAS, mount.windows), tolerance)[MOUNT]
-    return found.told(MOUNT, values, mount.sigmas, wrong & _placed(found))
+    values = found.declared[PLACED] + mount.off
+    told = found.told(PLACED, values, mount.sigmas, np.zeros(4, dtype=np.bool_))
+    wrong = _off(told, as_sure_as(SURE_SIGMAS, mount.windows), tolerance)[PLACED]
+    may_be = np.append(_placed(found), mount.fits)
+    return found.told(PLACED, values, mount.sigmas, wrong & may_be)
 
 
 def _placed(found: LaserCalibration) -> BoolArray:
@@ -304,7 +331,7 @@ def _doubtful(found: LaserCalibration) -> bool:
 
 
 def _off(found: LaserCalibration, sigmas: float, tolerance: FloatArray) -> BoolArray:
-    """(6,) which numbers differ from the declared by more than so many sigmas, and more than the
-    tolerance (6,)."""
+    """(7,) which numbers differ from the declared by more than so many sigmas, and more than the
+    tolerance (7,)."""
     off = np.abs(found.values - found.declared)
     return np.asarray(off > np.maximum(sigmas * found.sigmas, tolerance))

@@ -22,16 +22,17 @@ from slamsim.slam.frontend.motion import Odometry
 from slamsim.slam.frontend.preintegration import OdometryNoise, OdometryStep
 from slamsim.slam.laser.scan_motion import BundledWindow
 
-MOUNT = slice(PARAMETERS, PARAMETERS + 3)
-DELAY = PARAMETERS + 3
+MOUNT, DELAY = slice(PARAMETERS, PARAMETERS + 3), PARAMETERS + 3
+FOUND = slice(PARAMETERS, PARAMETERS + 4)
 PLACE_SIGMA_M, YAW_SIGMA_RAD, DELAY_SIGMA_S = 0.05, np.deg2rad(2.0), 0.05
 """Prior standard deviations: of a mount by tape measure and by eye, of stamps by software."""
 ANY_YAW_SIGMA_RAD = np.pi / np.sqrt(3.0)
 """Of a direction that may be any."""
 
-UNMODELLED = np.array([7e-4, 3e-4, 1e-4])
-"""Standard deviation of x, y (m) and yaw (rad) beyond noise: tyres give when they push, so that
-the robot turns about another point. Fitted to the physics of the simulated TurtleBot2."""
+UNMODELLED = np.array([7e-4, 3e-4, 1e-4, 3e-4])
+"""Standard deviation of x, y (m), yaw (rad) and delay (s) beyond noise: tyres give when they push,
+so that the robot turns about another point, and later. Fitted to the physics of the simulated
+TurtleBot2."""
 
 STRETCH_SCANS = 8
 """Scans from which to which steps are compared: half a second to some seconds, in which wheels
@@ -42,9 +43,9 @@ STILL_SIGMAS = 0.01
 """A step smaller than this changes no interval that is reported."""
 DOUBT_SQUARED = 9.0
 """Errors of three sigmas count half (Cauchy)."""
-DELAY_STEP_S = 0.02
+DELAY_STEP_S, DELAY_ROUNDS = 0.02, 4
 """Of the central difference over time: long against the noise of odometry, short against the turns
-of a robot."""
+of a robot. A delay that is longer is found about where it was found before."""
 MOUNT_STEP = 1e-4
 """Of the central differences over mount and wheels, in metres and radians: their curvature is below
 rounding there."""
@@ -61,12 +62,18 @@ LEAST_WINDOWS = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mount:
-    """off: (3,) T_base_laser (x_m, y_m, yaw_rad) as found less as declared. sigmas: (3,) by the
-    scatter of so many windows."""
+    """off: (4,) T_base_laser (x_m, y_m, yaw_rad) as found less as declared, and the seconds by
+    which the laser measured later than it says. sigmas: (4,) by the scatter of so many windows.
+    fits: whether scans and odometry then are the same motion, within what they claim."""
 
     off: FloatArray
     sigmas: FloatArray
     windows: int
+    fits: bool
+
+    def delayed(self, delay_s: float) -> Mount:
+        """For a laser that was taken to measure so much later than it says."""
+        return replace(self, off=np.append(self.off[:3], self.off[3] + delay_s))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,8 +166,10 @@ def find_mount(found: Stretches, T_base_laser: FloatArray, config: MotionConfig)
     spread = np.array([left[found.window == one].sum(axis=0) for one in np.unique(found.window)])
     meat = spread.T @ spread * (len(spread) / (len(spread) - 1.0)) + prior
     robust = np.diag(covariance @ meat @ covariance)
-    variance = np.maximum(robust, np.diag(covariance))[MOUNT] + np.square(UNMODELLED)
-    return Mount(values[MOUNT] - T_base_laser, np.sqrt(variance), len(spread))
+    variance = np.maximum(robust, np.diag(covariance))[FOUND] + np.square(UNMODELLED)
+    off = values[FOUND] - np.append(T_base_laser, 0.0)
+    left_over = float(np.median(_residual(found, values, noise).squared))
+    return Mount(off, np.sqrt(variance), len(spread), left_over <= MEDIAN_CHI2_3)
 
 
 def _rough_yaw_rad(found: Stretches, T_base_laser: FloatArray) -> float:
