@@ -87,11 +87,16 @@ class Everywhere:
         self._grids: dict[float, LikelihoodGrid] = {}
 
     def find(
-        self, query: Submap, heading_rad: float = 0.0, turn_rad: float = np.pi
+        self,
+        query: Submap,
+        heading_rad: float = 0.0,
+        turn_rad: float = np.pi,
+        most_lookups: float = np.inf,
     ) -> FloatArray | None:
         """T_map_query: (3,), or None if it fits nowhere, or in several places.
 
-        heading_rad: of the query in the map frame, to within turn_rad.
+        heading_rad: of the query in the map frame, to within turn_rad. most_lookups: a search that
+        has read the grid so often is given up, if not before by its effort.
         """
         points = beside_path(query) - query.middle_m
         if not len(points) or np.ptp(points, axis=0).max() < MIN_SPREAD_M:
@@ -99,7 +104,7 @@ class Everywhere:
         points = np.ascontiguousarray(points[:: max(1, -(-len(points) // MAX_POINTS))])
         middle = np.array([0.0, 0.0, heading_rad])
         for sigma_m in SIGMAS_M:
-            peak = self._peak(sigma_m, points, middle, turn_rad)
+            peak = self._peak(sigma_m, points, middle, turn_rad, most_lookups)
             if peak is None:
                 return None
             if peak.rival <= self._limits.ambiguity_ratio * peak.score:
@@ -135,7 +140,12 @@ class Everywhere:
             yield None
 
     def _peak(
-        self, sigma_m: float, points_m: FloatArray, T_map_points: FloatArray, turn_rad: float
+        self,
+        sigma_m: float,
+        points_m: FloatArray,
+        T_map_points: FloatArray,
+        turn_rad: float,
+        most_lookups: float,
     ) -> Peak | None:
         limits = self._limits
         rival = (
@@ -146,8 +156,9 @@ class Everywhere:
         least = limits.min_score
         if sigma_m == SIGMA_M:
             least = max(least, self._effort.least_score)
-        window, most_lookups = self._whole_map(turn_rad)
+        window, most = self._whole_map(turn_rad)
         grid = self._grid(sigma_m)
+        most_lookups = min(most_lookups, most)
         return search(grid, points_m, T_map_points, window, least, rival, most_lookups)
 
     def _whole_map(self, turn_rad: float) -> tuple[Window, float]:
