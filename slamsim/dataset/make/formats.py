@@ -157,10 +157,13 @@ class DeskewedScans:
         ranges_m, layout = scans.ranges_m[number], scans.layout(number)
         met = np.flatnonzero(np.isfinite(ranges_m))
         half_ns, beams_ns = _since_first(layout, ranges_m.size, met)
-        end_ns = motion.covered_ns  # a wrong time of the beams may reach beyond the drive
-        samples = motion.pose_samples(T_base_laser, true_ns, min(true_ns + 2 * half_ns + 1, end_ns))
-        T_map_laser = frame_at(samples, min(true_ns + half_ns, end_ns))
-        instants_ns = np.minimum(true_ns + beams_ns, end_ns)
+        # Wrong times of the beams may reach beyond the drive.
+        first_ns, last_ns = int(motion.drive.stamps_ns[0]), motion.covered_ns
+        begin_ns, end_ns = sorted((true_ns, true_ns + 2 * half_ns))
+        begin_ns, end_ns = max(begin_ns, first_ns), min(end_ns + 1, last_ns)
+        samples = motion.pose_samples(T_base_laser, begin_ns, end_ns)
+        T_map_laser = frame_at(samples, min(max(true_ns + half_ns, begin_ns), end_ns))
+        instants_ns = np.clip(true_ns + beams_ns, begin_ns, end_ns)
         rays = beam_rays(samples, instants_ns, _directions(layout, met), T_map_laser[:3, 3])
         points = np.zeros((met.size, 4), dtype=np.float32)
         _place(points, rays, ranges_m[met], T_map_laser[:3, :3])
@@ -170,8 +173,9 @@ class DeskewedScans:
 
 
 def _since_first(layout: ScanLayout, count: int, beams: IntArray) -> tuple[int, IntArray]:
-    """Half of a scan as it is declared, and when these beams fired after the first; ns."""
-    beam_dt_ns = max(round(layout.beam_dt_s * 1e9), 0)
+    """Half of a scan as it is declared, and when these beams fired after the first; ns, below 0
+    where the last one fires first."""
+    beam_dt_ns = round(layout.beam_dt_s * 1e9)
     return beam_dt_ns * (count - 1) // 2, beam_dt_ns * beams
 
 
