@@ -152,6 +152,20 @@ def test_accelerations_in_another_unit_are_named_with_it(unit: str, metres: floa
     np.testing.assert_allclose(repaired, made.imus[0].linear_acceleration_m_s2)
 
 
+def test_vibration_that_falls_for_longer_than_it_pushes_is_no_lack_of_gravity() -> None:
+    """Its median reading is 9.3, its mean 9.8. A unit that does not feel gravity is still told."""
+    made = robot()
+    imu = made.imus[0]
+    shakes = np.random.default_rng(0).exponential(2.0, len(imu)) - 2.0
+    for lift, fault in ((0.0, None), (-9.81, "gravity_missing"), (-1.0, "gravity_missing")):
+        felt = imu.linear_acceleration_m_s2 + np.outer(shakes + lift, [0.0, 0.0, 1.0])
+        shaken = made.with_streams(RawImu, (replace(imu, linear_acceleration_m_s2=felt),))
+        (found,) = [
+            one for one in check_inertial(RecordingEvidence(shaken)) if one.check == "imu.gravity"
+        ]
+        assert found.fault == fault
+
+
 def test_a_unit_in_a_robot_that_circles_all_the_time_is_not_called_tilted() -> None:
     """1 m/s at 1 rad/s: the mean acceleration stands 6 degrees off, and that is the circle."""
     made = robot()

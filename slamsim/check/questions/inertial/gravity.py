@@ -54,6 +54,9 @@ MAX_REPEATED_SHARE = 0.2
 """Drivers that read faster than the unit measures repeat half of all readings or more; by rounding
 alone single ones are equal."""
 MIN_SAMPLES = 20
+_PARTS = 20
+"""Over a part of a drive vibration comes to nothing, and the middle one of so many parts is moved
+by no few spikes."""
 _TURNING_RAD_S = 0.02
 """Turning faster, no two readings of six axes are equal by chance."""
 
@@ -126,7 +129,7 @@ GROUP = QuestionGroup(
 
 
 def _gravity(imu: RawImu, acceleration: FloatArray) -> Finding:
-    length = float(np.linalg.norm(np.median(acceleration, axis=0)))  # a few spikes weigh nothing
+    length = _length(acceleration)
     low, high = GRAVITY_LIMITS_M_S2
     healthy = low <= length <= high
     unit = None if healthy else _unit_of(length)
@@ -150,6 +153,15 @@ def _gravity(imu: RawImu, acceleration: FloatArray) -> Finding:
         else "Publish the raw acceleration: gravity is what tells up from down.",
         repairs=(Repair("scale_acceleration", imu.topic, {"factor": factor}),) if unit else (),
     )
+
+
+def _length(acceleration: FloatArray) -> float:
+    """Of gravity: of the median reading, for a few spikes weigh nothing in it, or of the median of
+    means, whichever is nearer to gravity. Wheels that jump from contact to contact fall for longer
+    than they are pushed: a Husky's median reading was 9.3 m/s^2, its mean 9.8."""
+    means = [part.mean(axis=0) for part in np.array_split(acceleration, _PARTS)]
+    lengths = np.linalg.norm([np.median(each, axis=0) for each in (acceleration, means)], axis=1)
+    return float(lengths[np.argmin(np.abs(lengths - GRAVITY_M_S2))])
 
 
 def _unit_of(length: float) -> str | None:
