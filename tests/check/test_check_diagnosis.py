@@ -111,6 +111,8 @@ def test_sizes_are_not_told_where_wheels_and_scans_contradict_each_other_once_th
     # What takes part in the fit may be why.
     stuck = bad("imu.stuck", "/imu", "imu_stuck")
     assert names(misfit, mount, stuck) == {"laser_position", "imu_stuck"}
+    # Slip in some of these seconds is none of the others.
+    assert names(misfit, mount, bad("wheels.slip", "/odom", "wheel_slip")) == {"wheel_slip"}
 
 
 def test_a_twist_is_not_compared_with_poses_of_which_stamps_say_nothing() -> None:
@@ -155,6 +157,10 @@ def test_rounded_stamps_explain_no_larger_offset_than_the_rounding() -> None:
     for late_ms, told in ((6.0, set()), (30.0, {"time_offset_wheels"})):
         wheels = of("time.offset.wheels", "/ticks", "time_offset_wheels", late_ms)
         assert names(rounded, wheels) == {"stamps_quantised", *told}
+    for leap_ms, told in ((9.8, set()), (30.0, {"clock_step"})):
+        leap = of("time.step", "/imu", "clock_step", leap_ms)
+        assert names(rounded, leap) == {"stamps_quantised", *told}
+        assert names(rounded, replace(leap, subject="/scan")) == {"stamps_quantised", "clock_step"}
 
 
 def test_what_depths_tell_beside_scans_stands_beside_wheels_that_are_somewhat_wrong() -> None:

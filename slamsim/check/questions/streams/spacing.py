@@ -75,7 +75,8 @@ ROUNDING = Question(
             "stamps are rounded coarsely",
             (
                 anywhere(*_OFFSETS),
-                same_subject("odometry_twist"),
+                # From one multiple to the next, where the rate is nearly that of the multiples.
+                same_subject("odometry_twist", "clock_step"),
                 lidar_stamps(*BY_SCANS),
             ),
         ),
