@@ -257,6 +257,7 @@ def test_beams_that_were_turned_round_are_taken_in_the_order_of_their_firing() -
     assert exact.later_ns == 0
     at_once = replace(exact, values=np.where(sweep, -1e-3, unknown.values))
     assert not at_once.backward
+    assert {one.geometry.beam_dt_ns for one in at_once.applied(wrong).scans} == {0}
     corrected = exact.applied(wrong)
     (told,) = corrected.warnings
     assert told.startswith("the last beam fires first, the first one 36 ")

@@ -13,13 +13,10 @@ from slamsim.core.types import FloatArray, IntArray
 from slamsim.guard.numbers import MOST, require_covariances, require_finite, require_number
 from slamsim.recording import RawScans, Recording
 from slamsim.recording.choice import lidars
+from slamsim.slam.laser.calibration import swept_s
 from slamsim.slam.laser.noise_bias import without_noise_bias
 from slamsim.slam.laser.scan_motion import ScanMotions, window_motions
 from slamsim.slam.laser.scan_windows import choose_windows
-
-NEARLY = 0.25
-"""A sweep that lasts less than this share of the declared one is none: all beams are of one
-instant."""
 
 OFFSET_BIAS_SHARE, OFFSET_BIAS_UNSURE = 0.1, 0.08
 """Of the noise of the ranges: by what the range offset that scans tell is too large, and the
@@ -84,7 +81,7 @@ def laser_steps(motions: ScanMotions, even: bool = True) -> LaserSteps:
 
     even: whether stamps that scatter are put on an even beat; not where others share them.
     """
-    sweep_s = _true_sweep_s(motions)
+    sweep_s = _swept_s(motions)
     later_ns = round(0.5e9 * (sweep_s - motions.sweep_s.declared))
     stamps = [window.middle_ns for window in motions.windows]
     stamps = _evened(stamps) if even else stamps
@@ -102,21 +99,18 @@ def laser_steps(motions: ScanMotions, even: bool = True) -> LaserSteps:
     return steps.select(finite & (steps.second_ns > steps.first_ns))
 
 
-def _true_sweep_s(motions: ScanMotions) -> float:
-    """From the beam that has the stamp on, by the scans where they contradict what is declared:
-    below 0 only where that is declared, else the stamp is that of the beam that fires first."""
-    declared, found = motions.sweep_s.declared, motions.sweep_s.value
+def _swept_s(motions: ScanMotions) -> float:
+    """From the beam that has the stamp on, by the scans where they contradict what is declared."""
+    told = motions.sweep_s
     if not motions.contradicted[0]:
-        return declared
-    if abs(found) < NEARLY * abs(declared):
-        return 0.0
-    return found if declared < 0.0 else abs(found)
+        return told.declared
+    return swept_s(told.value, told.sigma, told.declared)
 
 
 def middle_sigma_s(motions: ScanMotions) -> float:
     """How unsure it is when the middle beam of a scan fired: by half of what the sweep is, where it
     is by the scans."""
-    by_scans = motions.contradicted[0] and _true_sweep_s(motions) != 0.0
+    by_scans = motions.contradicted[0] and _swept_s(motions) != 0.0
     return 0.5 * float(motions.sweep_s.sigma) if by_scans else 0.0
 
 

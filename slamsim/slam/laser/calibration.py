@@ -38,8 +38,27 @@ PRIOR_SIGMAS = np.array([0.005, 0.03, 0.025, 0.05, 0.05, np.deg2rad(2.0), 0.05])
 of one beam more or less; +-30 mm of Hokuyo and SICK; beam times left out; a mount by tape; stamps
 by software."""
 
+NO_SWEEP = 0.15
+"""Sweeps shorter than this share of the declared one are none: mirrors take as long as is declared,
+or all beams fire at once."""
+
 OBSERVED_SHARE = 0.3
 """A number counts as observed if the recording left less than this of what was uncertain."""
+
+
+def swept_s(found_s: float, sigma_s: float, declared_s: float) -> float:
+    """From the beam that has the stamp to the other end of a sweep, of one that scans tell.
+
+    Below 0 only where that is declared. Where it plainly is although nothing declares it, the last
+    beam fired first, and has the stamp: a driver that turns an array round (a clockwise lidar's, to
+    make it counter-clockwise) stamps the begin of the sweep. Beams of one instant come out as a
+    little before or after each other.
+    """
+    if abs(found_s) < NO_SWEEP * abs(declared_s):
+        return 0.0
+    if found_s >= 0.0 or declared_s < 0.0:
+        return found_s
+    return -found_s if found_s + 1.96 * sigma_s < 0.0 else 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,12 +103,14 @@ class LaserCalibration:
 
     @property
     def backward(self) -> bool:
-        """Whether the last beam plainly fired first, although nothing declares it. The stamp is
-        then that of the last beam: a driver that turns an array round (a clockwise lidar's, to make
-        it counter-clockwise) stamps the begin of the sweep. Beams of one instant come out as a
-        little before or after each other."""
-        latest_s = self.used[SWEEP] + 1.96 * self.sigmas[SWEEP]
-        return bool(latest_s < 0.0 <= self.declared[SWEEP])
+        """Whether the last beam plainly fired first, although nothing declares it."""
+        return bool(self.used[SWEEP] < 0.0 < self.sweep_s)
+
+    @property
+    def sweep_s(self) -> float:
+        """See ``swept_s``."""
+        told = self.used[SWEEP], self.sigmas[SWEEP], self.declared[SWEEP]
+        return swept_s(*(float(one) for one in told))
 
     @property
     def is_turned_round(self) -> bool:
@@ -105,8 +126,8 @@ class LaserCalibration:
     @property
     def later_ns(self) -> int:
         """By how much the middle beam fired later than declared."""
-        sweep_s = -self.used[SWEEP] if self.backward else self.used[SWEEP]
-        return round(1e9 * float(0.5 * (sweep_s - self.declared[SWEEP]) + self.used[DELAY]))
+        longer_s = self.sweep_s - float(self.declared[SWEEP])
+        return round(1e9 * (0.5 * longer_s + float(self.used[DELAY])))
 
     def applied(self, log: Log) -> Log:
         """The log as its lidars really recorded it, with a warning for each number corrected."""
@@ -220,9 +241,10 @@ class _CorrectedShape:
     def __init__(self, lidar: LaserCalibration) -> None:
         used = lidar.used
         self._scale, self._offset_m = float(used[ANGLE_SCALE]), float(used[RANGE_OFFSET])
-        self._longer_s = float(used[SWEEP] - lidar.declared[SWEEP])
         self._later_ns = round(1e9 * float(used[DELAY]))
         self._backward = lidar.backward
+        sweep_s = -lidar.sweep_s if self._backward else lidar.sweep_s
+        self._longer_s = sweep_s - float(lidar.declared[SWEEP])
         self._geometries: dict[ScanGeometry, ScanGeometry] = {}
 
     def corrected(self, scan: Scan) -> Scan:
