@@ -9,6 +9,7 @@ from slamsim.check.calibration.distance_unit import WrongUnit, in_metres, wrong_
 from slamsim.check.calibration.explanation import Explanation, explain
 from slamsim.check.calibration.joint import Calibration, calibrate_inputs
 from slamsim.check.calibration.pictured import plot_of
+from slamsim.check.calibration.thinned import Thinned, thinned
 from slamsim.check.findings import Finding, Plot
 from slamsim.check.motion.inputs import Inputs, gather_inputs
 from slamsim.check.motion.laser_steps import laser_motions
@@ -71,6 +72,11 @@ class RecordingEvidence:
         """Which sizes of wheels, gyroscope and lidar are wrong; None without ``calibration``."""
         return self.once("explanation", self._explanation)
 
+    @property
+    def thinned(self) -> Thinned | None:
+        """Which beams of its scans alone were kept; None of all, or without a lidar."""
+        return self.once("thinned", self._thinned)
+
     def plot_of(self, check: str) -> Plot | None:
         """Of a question that rests on a calibration that was made; None of any other."""
         found = self._values.get("calibration")
@@ -100,6 +106,10 @@ class RecordingEvidence:
     def _explanation(self) -> Explanation | None:
         found = self.calibration
         return None if found is None else explain(found, self.motions)
+
+    def _thinned(self) -> Thinned | None:
+        motions = self.motions
+        return None if motions is None else thinned(motions, self.calibration)
 
     def _in_metres(self) -> Calibration | None:
         found = self.as_recorded

@@ -52,7 +52,7 @@ class BeamReader:
         self._own = self._beams_on_robot(sample)
         layout, beams = self.layout_of(0) if len(scans) else (None, 0)
         self.declared_sweep_s = 0.0 if layout is None else _sweep_s(layout, beams)
-        self.span_rad = 0.0 if layout is None else abs(self.sweep(0).span_rad)
+        self.span_rad = 0.0 if layout is None else self.sweep(0).span_rad
 
     def layout_of(self, scan: int) -> tuple[ScanLayout, int]:
         """What a scan declares, and how many beams it has."""

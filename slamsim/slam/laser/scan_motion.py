@@ -95,9 +95,10 @@ class ScanMotions:
 
     metres_per_unit: by what ranges were multiplied to make a room of them; 1 unless they are in
     no metres. Windows are in the recorded unit. radians_per_unit: likewise for angles.
-    sweep_s: from the first beam to the last. angle_step: true over declared, 1 where it is right;
-    windows are as the true one has them. rough_angle_scale: the part of it that was found before
-    all was refined. range_offset_m: by how much ranges are too long.
+    sweep_s, span_rad: from the first beam of the first scan to the last, as they were found.
+    angle_step: true over declared, 1 where it is right; windows are as the true one has them.
+    rough_angle_scale: the part of it that was found before all was refined. range_offset_m: by how
+    much ranges are too long.
     contradicted: (3,) whether the scans contradict what is declared of sweep, angle step and
     offset; windows are as they then are. path_by_offset_per_m: by which share a path grows for each
     metre that ranges are taken to be longer than they should. range_noise_m: as seen in the
@@ -108,6 +109,7 @@ class ScanMotions:
     windows: tuple[BundledWindow, ...]
     metres_per_unit: float
     radians_per_unit: float
+    span_rad: float
     sweep_s: ShapeEstimate
     angle_step: ShapeEstimate
     rough_angle_scale: float
@@ -174,7 +176,7 @@ def window_motions(
         return _as_declared(_tracked(scans, other, some), other)
 
     if angle_scale is None:
-        angle_scale = rough_angle_scale(tracks, first, reader.span_rad, look)
+        angle_scale = rough_angle_scale(tracks, first, abs(reader.span_rad), look)
 
     if angle_scale != reader.angle_scale:
         reader = BeamReader(scans, angle_scale)
@@ -257,6 +259,7 @@ def _motions(
         ),
         metres_per_unit=unit,
         radians_per_unit=reader.radians_per_unit,
+        span_rad=angle_scale * reader.span_rad,
         sweep_s=ShapeEstimate(sweep_s, sigmas[0], reader.declared_sweep_s),
         angle_step=ShapeEstimate(
             angle_scale * reader.angle_scale, sigmas[1] * reader.angle_scale, 1.0

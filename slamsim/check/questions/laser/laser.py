@@ -49,7 +49,7 @@ def _angles(evidence: RecordingEvidence) -> Sequence[Finding]:
     motions = evidence.motions
     if motions is None or not motions.windows:
         return []
-    return check_angles(motions, evidence.explanation)
+    return check_angles(motions, evidence.explanation, evidence.thinned)
 
 
 GROUP = QuestionGroup("motion", 100, (ROTATION, SWEEP, RANGE_OFFSET), _asked, thorough=True)

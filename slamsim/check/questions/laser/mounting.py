@@ -13,7 +13,8 @@ import numpy as np
 
 from slamsim.check.calibration.explanation import PLACE_LIMIT_M, Explanation
 from slamsim.check.calibration.joint import Calibration
-from slamsim.check.evidence import RecordingEvidence, of_sizes
+from slamsim.check.calibration.thinned import Thinned
+from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding, Measurement, decide
 from slamsim.check.question import FaultKind, Question, QuestionGroup, anywhere, judge, unanswered
 from slamsim.check.questions.frames.directions import frames_without_sensor
@@ -80,8 +81,10 @@ FRAME = Question(
 )
 
 
-def check_mounting(calibration: Calibration, explained: Explanation) -> list[Finding]:
-    """Yaw and place of the laser."""
+def check_mounting(
+    calibration: Calibration, explained: Explanation, thinned: Thinned | None = None
+) -> list[Finding]:
+    """Yaw and place of the laser. thinned: which of its beams were kept."""
     inputs = calibration.inputs
     if not calibration.scans_count or inputs.wheels is None:
         return []
@@ -100,6 +103,8 @@ def check_mounting(calibration: Calibration, explained: Explanation) -> list[Fin
         words = f"the wheels' turns do not follow those of the scans; what would tell: {TURNING}"
         return [unanswered(MOUNTING, frame, words)]
     declared, found = inputs.T_base_laser, _mount(calibration, explained)
+    if thinned is not None:  # its angles, put right, turn all rays as well
+        found[2] -= thinned.turned_rad
     return [
         _yaw(calibration, declared, found),
         _place(calibration, declared, found, 0),
@@ -109,9 +114,15 @@ def check_mounting(calibration: Calibration, explained: Explanation) -> list[Fin
 
 def _checked(evidence: RecordingEvidence) -> list[Finding]:
     """``check_mounting``, and whether the laser sits where another frame is."""
-    calibration, recording = evidence.calibration, evidence.recording
-    found = list(of_sizes(check_mounting)(evidence))
-    if calibration is None or not any(one.fault for one in found):
+    calibration, explained, recording = (
+        evidence.calibration,
+        evidence.explanation,
+        evidence.recording,
+    )
+    if calibration is None or explained is None:
+        return []
+    found = check_mounting(calibration, explained, evidence.thinned)
+    if not any(one.fault for one in found):
         return found
     inputs, asked = calibration.inputs, [YAW.id, *(place.id for place in PLACE)]
     named = [stream.topic for stream in recording.streams if inputs.laser_frame in stream.frame_ids]

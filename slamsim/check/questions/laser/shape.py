@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.check.calibration.explanation import Explanation
+from slamsim.check.calibration.thinned import Thinned, thinned_by
 from slamsim.check.fault_groups import LIDAR_TIMES, SWEEPS
 from slamsim.check.findings import SURE_SIGMAS, Curve, Finding, Measurement, Plot, Verdict, decide
 from slamsim.check.motion.laser_steps import ANGLE_LIMIT
@@ -17,6 +18,7 @@ from slamsim.check.question import FaultKind, Question, anywhere, judge
 from slamsim.check.wording import signed_words, taken_off
 from slamsim.recording import RecordingFormat
 from slamsim.recording.repairs.base import Repair
+from slamsim.slam.laser.calibration import NO_SWEEP
 from slamsim.slam.laser.scan_motion import ScanMotions, ShapeEstimate
 
 OFFSET_LIMIT_M = 0.03
@@ -25,7 +27,7 @@ OFFSET_LIMIT_M = 0.03
 SWEEP_LIMIT, SWEEP_LIMIT_S = 0.05, 5e-4
 """Errors of the time between beams up to this share, or of the sweep up to this, do no harm."""
 
-MEANT = 0.15
+MEANT = NO_SWEEP
 """Sweeps this near to nothing, or to minus the declared one, are meant to be so."""
 
 UNTIMED_LIMIT_S = 4e-3
@@ -82,7 +84,7 @@ ANGLE_STEP = Question(
     unit="%",
     consequence="straight walls bend, and places move when the robot turns",
     excitation_wanted=MOVING,
-    repairs=("scale_angles",),
+    repairs=("scale_angles", "scale_beam_times"),
 )
 RANGE_OFFSET = Question(
     "ranges.offset",
@@ -106,11 +108,16 @@ SWEEP = Question(
 )
 
 
-def check_angles(motions: ScanMotions, explained: Explanation | None) -> list[Finding]:
+def check_angles(
+    motions: ScanMotions, explained: Explanation | None, thinned: Thinned | None = None
+) -> list[Finding]:
     """The unit of the angles, and the angle between beams.
 
-    explained: whether gyroscope and wheels both say that the scans turn too far.
+    explained: whether gyroscope and wheels both say that the scans turn too far. thinned: which
+    beams were kept.
     """
+    if thinned is not None:
+        return [_unit(motions), _of_thinned(motions, thinned)]
     found, by = motions.angle_step, "the one at which scans fit"
     factor, sigma = found.value, found.sigma
     turns = None if explained is None else explained.too_large["scan_turns"]
@@ -129,6 +136,46 @@ def check_angles(motions: ScanMotions, explained: Explanation | None) -> list[Fi
         repairs=(Repair("scale_angles", motions.topic, {"factor": factor}),),
     )
     return [_unit(motions), step]
+
+
+def _of_thinned(motions: ScanMotions, thinned: Thinned) -> Finding:
+    """Beams were left out, and what is declared of all was kept: the angle between them and, most
+    often, the time."""
+    every, sigma = thinned.every, motions.angle_step.sigma
+    repairs = [
+        Repair("scale_angles", motions.topic, {"factor": float(every), "pivot": thinned.pivot})
+    ]
+    what, declared = "the angle", "is declared"
+    if _is_of_thinned(motions):
+        repairs.append(Repair("scale_beam_times", motions.topic, {"factor": float(every)}))
+        what, declared = "angle and time", "are declared"
+    return judge(
+        ANGLE_STEP,
+        motions.topic,
+        f"of every {every} beams one was kept, but {what} between beams {declared} as of all",
+        Measurement(100.0 * (1.0 / every - 1.0), 100.0 * sigma / every**2, "%"),
+        advice=f"Multiply {what} between beams by {every}, about the {thinned.pivot} beam.",
+        repairs=repairs,
+    )
+
+
+def _is_of_thinned(motions: ScanMotions) -> bool:
+    """Whether the time between beams is declared as of all where some were left out."""
+    every, found = thinned_by(motions), motions.sweep_s
+    if every == 1 or found.declared == 0.0:
+        return False
+    return decide(_share(found), every * _sweep_limit(found), every) == "ok"
+
+
+def _share(found: ShapeEstimate) -> Measurement:
+    """A sweep as a share of the one that is declared."""
+    return Measurement(
+        found.value / found.declared, found.sigma / abs(found.declared), "of the declared time"
+    )
+
+
+def _sweep_limit(found: ShapeEstimate) -> float:
+    return max(SWEEP_LIMIT, SWEEP_LIMIT_S / abs(found.declared))
 
 
 def _unit(motions: ScanMotions) -> Finding:
@@ -165,23 +212,26 @@ def check_sweep(motions: ScanMotions, recorded_as: RecordingFormat) -> Finding:
     found = motions.sweep_s
     if found.declared == 0.0:
         return _untimed(motions, recorded_as)
-    share = Measurement(
-        found.value / found.declared, found.sigma / abs(found.declared), "of the declared time"
-    )
+    share = _share(found)
     words = f"the sweep lasts {share.value:.3g} ± {1.96 * share.sigma:.2g} of the declared time"
     fault, meaning, advice, factor = _named(share)
-    return judge(
+    finding = judge(
         SWEEP,
         motions.topic,
         {"ok": words, "inconclusive": words, "fault": f"{meaning}: {words}"},
         share,
-        limit=max(SWEEP_LIMIT, SWEEP_LIMIT_S / abs(found.declared)),
+        limit=_sweep_limit(found),
         healthy=1.0,
         fault=fault,
         advice=advice,
         repairs=(Repair("scale_beam_times", motions.topic, {"factor": factor}),),
         plots=(_plot(found),),
     )
+    if _is_of_thinned(motions):  # told once, with the angle between beams
+        return finding.inconclusive(
+            f"as that of every {thinned_by(motions)} beams of which one was kept"
+        )
+    return finding
 
 
 def _named(share: Measurement) -> tuple[FaultKind, str, str, float]:
