@@ -15,6 +15,7 @@ from test_check_inertial import robot
 from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.findings import Finding
 from slamsim.check.questions.wheels.heading import check_heading
+from slamsim.check.questions.wheels.odometry import check_odometry
 from slamsim.check.questions.wheels.rounding import check_rounding
 from slamsim.check.questions.wheels.turning import check_turning
 from slamsim.check.questions.wheels.twist import check_twist
@@ -193,6 +194,40 @@ def test_poses_that_jump_are_no_twist_that_is_wrong(turn_rad: float, by_m: float
         return replace(odometry, positions_m=places, quats_xyzw=xyzw_from_yaw(yaw + turned))
 
     assert twist_of(robot().changed(RawOdometry, jumping)).verdict == "ok"
+
+
+@pytest.mark.parametrize(
+    ("aside_m", "missing", "is_fault"), [(0.05, 0, True), (0.03, 0, False), (0.0, 20, False)]
+)
+def test_a_step_to_the_side_is_no_step_of_wheels(
+    aside_m: float, missing: int, is_fault: bool
+) -> None:
+    """A SLAM in the place of an odometry, 1 m/s at 20 Hz: longer steps ahead are usual there. In a
+    curve, what a robot turned by while messages were missing leads aside as well."""
+    stamps_ns = stamps(20.0, 30.0)
+    turned = 1.5 * (stamps_ns - stamps_ns[0]) * 1e-9
+    places = np.column_stack([np.sin(turned), 1.0 - np.cos(turned), np.zeros(turned.size)]) / 1.5
+    later = np.arange(turned.size) > turned.size // 2
+    places[later, :2] += aside_m * np.array([-np.sin(turned[later][0]), np.cos(turned[later][0])])
+    kept = ~later | (np.cumsum(later) > missing)
+    made = replace(
+        odometry_at(stamps_ns[kept]),
+        positions_m=places[kept],
+        quats_xyzw=xyzw_from_yaw(turned[kept]),
+    )
+    of = robot().with_streams(RawOdometry, (made,))
+
+    def jump_of(recording: Recording) -> Finding:
+        findings = check_odometry(RecordingEvidence(recording))
+        return next(one for one in findings if one.check == "odometry.jump")
+
+    found = jump_of(of)
+    assert (found.fault == "odometry_jump") == is_fault
+    if is_fault:
+        smooth = apply_repairs(of, found.repairs)
+        assert jump_of(smooth).verdict == "ok"
+        ends = [one.odometries[0].positions_m[-1] for one in (of, smooth)]
+        assert np.linalg.norm(ends[0] - ends[1]) == pytest.approx(aside_m, abs=2e-3)
 
 
 @pytest.mark.parametrize("value", [0.0, np.nan])

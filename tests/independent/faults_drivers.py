@@ -298,6 +298,12 @@ OF_LASERS = [
         change=lambda made: _thinned(made, 2),
     ),
     fault(
+        "every_third_beam",
+        "driver_laser",
+        "laser_angle_step",
+        change=lambda made: _thinned(made, 3),
+    ),
+    fault(
         "ranges_wrap_4m",
         "driver_laser",
         "ranges_wrapped",

@@ -31,7 +31,10 @@ from slamsim.recording.repairs.base import Repair
 JUMP_M, JUMP_RAD = 0.04, 0.1
 USUAL_STEPS = 3.0
 """A jump is longer than this and than so many times what the robot ever moves from one message to
-the next, there and beside it."""
+the next, there and beside it; or further to the side."""
+
+NEXT = 1.5
+"""Times between messages: from here on one is missing."""
 
 COMPARED_S = 1.0
 """Over so much, counts and rounding of a slow robot are small against its path."""
@@ -96,7 +99,7 @@ def check_odometry(evidence: RecordingEvidence) -> list[Finding]:
     findings = [f for ticks in recording.ticks if len(ticks) > 2 for f in check_counter(ticks)]
     wheels = next(filter(None, (integrated_wheels(ticks) for ticks in recording.ticks)), None)
     for odometry in recording.odometries:
-        findings.append(_jump(odometry, _jumps(odometry)))
+        findings.append(_jump(odometry, *_jumps(odometry)))
         published = integrated_odometry(odometry)
         if published is not None and wheels is not None:
             findings += _against_wheels(published, wheels)
@@ -112,27 +115,31 @@ GROUP = QuestionGroup(
 )
 
 
-def _jumps(odometry: RawOdometry) -> FloatArray:
-    """(k, 3) stamp, s since the first, length, m, and turn, rad, of steps that no robot makes."""
+def _jumps(odometry: RawOdometry) -> tuple[FloatArray, float]:
+    """(k, 3) stamp, s since the first, length, m, and turn, rad, of steps that no robot makes; and
+    how long a step that it makes is at most."""
     poses = np.column_stack([odometry.positions_m[:, :2], yaw_from_xyzw(odometry.quats_xyzw)])
     finite = is_sound(poses)
     poses, stamps = poses[finite], odometry.stamps_ns[finite]
     if len(poses) < 4:
-        return np.zeros((0, 3))
+        return np.zeros((0, 3)), 0.0
     moved = between(poses[:-1], poses[1:])
-    steps = np.column_stack([np.hypot(moved[:, 0], moved[:, 1]), np.abs(moved[:, 2])])
     seconds = np.diff(stamps) * 1e-9
     periods = np.maximum(seconds / max(float(np.median(seconds)), 1e-9), 1.0)[:, None]
+    # Wheels hardly go sideways, but in what a robot turned by while messages were missing.
+    aside = np.where(periods[:, 0] < NEXT, np.abs(moved[:, 1]), 0.0)
+    steps = np.column_stack([np.hypot(moved[:, 0], moved[:, 1]), np.abs(moved[:, 2]), aside])
     usual = np.quantile(steps / periods, 0.99, axis=0)
     around = np.maximum(np.roll(steps / periods, 1, axis=0), np.roll(steps / periods, -1, axis=0))
     around[[0, -1]] = (steps / periods)[[1, -2]]
-    longest = np.maximum(np.array([JUMP_M, JUMP_RAD]), USUAL_STEPS * np.maximum(usual, around))
+    least = np.array([JUMP_M, JUMP_RAD, JUMP_M])
+    longest = np.maximum(least, USUAL_STEPS * np.maximum(usual, around))
     jumped = (steps > longest * periods).any(axis=1)
     since_s = (stamps[1:] - stamps[0]) * 1e-9
-    return np.column_stack([since_s[jumped], steps[jumped]])
+    return np.column_stack([since_s[jumped], steps[jumped, :2]]), float(usual[0])
 
 
-def _jump(odometry: RawOdometry, jumps: FloatArray) -> Finding:
+def _jump(odometry: RawOdometry, jumps: FloatArray, usual_m: float) -> Finding:
     if not len(jumps):
         return judge(JUMP, odometry.topic, "no step that no robot makes", verdict="ok")
     at = int(np.argmax(jumps[:, 1] + jumps[:, 2]))
@@ -146,7 +153,11 @@ def _jump(odometry: RawOdometry, jumps: FloatArray) -> Finding:
         verdict="fault",
         advice="Odometry must be continuous: corrections belong into map -> odom.",
         repairs=(
-            Repair("remove_odometry_jumps", odometry.topic, {"longest_m": 0.5 * float(length)}),
+            Repair(
+                "remove_odometry_jumps",
+                odometry.topic,
+                {"longest_m": 0.5 * (float(length) + usual_m)},
+            ),
         ),
     )
 
