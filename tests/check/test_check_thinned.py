@@ -13,9 +13,16 @@ from scan_recording import healthy, with_ranges
 
 from slamsim.check.calibration.explanation import explain
 from slamsim.check.calibration.joint import calibrate_inputs
-from slamsim.check.calibration.thinned import thinned, thinned_by
+from slamsim.check.calibration.thinned import thinned
 from slamsim.check.evidence import RecordingEvidence
 from slamsim.check.motion.inputs import Inputs
+from slamsim.check.motion.laser_steps import (
+    laser_motions,
+    laser_steps,
+    middle_sigma_s,
+    thinned_by,
+    times_of_all,
+)
 from slamsim.check.questions.laser import laser, mounting
 from slamsim.recording.edits.base import SCANS
 from slamsim.recording.edits.beams import CloseAngles
@@ -48,6 +55,37 @@ def test_a_whole_multiple_of_the_declared_angle_that_is_known_as_one_is_of_beams
     factor: float, sigma: float, every: int
 ) -> None:
     assert thinned_by(motions(factor, sigma)) == every
+
+
+@pytest.mark.parametrize(
+    ("found_s", "sigma_s", "lasts_s"),
+    [
+        (0.0395, 2e-4, 0.04),  # told
+        (0.033, 5e-3, 0.04),  # rather than 20 ms
+        (0.05, np.inf, 0.04),
+        (0.0202, 2e-4, 0.02),  # as declared
+        (0.0265, 5e-3, 0.02),
+        (0.03, 2e-4, 0.03),  # another sweep
+    ],
+)
+def test_the_time_between_beams_goes_with_the_angle_unless_scans_say_otherwise(
+    found_s: float, sigma_s: float, lasts_s: float
+) -> None:
+    """Scans of 40 Hz, of which no sweep is told, made the lidar 4.9 ms early: half of what is
+    missing."""
+    whole = laser_motions(healthy())
+    assert whole is not None
+    given_up = np.array([lasts_s == 0.03, True, False])
+    sweep, step = ShapeEstimate(found_s, sigma_s, 0.02), ShapeEstimate(2.0, 2e-4, 1.0)
+    of_half = replace(whole, sweep_s=sweep, angle_step=step, contradicted=given_up)
+    assert times_of_all(of_half) == (lasts_s == 0.04)
+    steps = laser_steps(of_half)
+    assert steps.sweep_s == lasts_s
+    later_ns = (
+        steps.first_ns - laser_steps(replace(whole, sweep_s=replace(sweep, sigma=0.0))).first_ns
+    )
+    np.testing.assert_array_equal(later_ns, round(0.5e9 * (lasts_s - 0.02)))
+    assert (middle_sigma_s(of_half) > 0.0) == (lasts_s == 0.03)
 
 
 def looking(off_rad: float, upside_down: bool) -> Inputs:

@@ -7,15 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamsim.check.calibration.joint import Calibration
-from slamsim.check.findings import SURE_SIGMAS, Measurement, decide
-from slamsim.check.motion.laser_steps import ANGLE_LIMIT
+from slamsim.check.motion.laser_steps import thinned_by
 from slamsim.core.geometry import wrap_angle
 from slamsim.recording.edits.beams import Pivot
 from slamsim.slam.laser.scan_motion import ScanMotions
-
-WHOLE = 0.01
-"""So surely, as a share, must an angle be known that is called a multiple of another: one of fifty
-is so near to a whole number by chance."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,17 +22,6 @@ class Thinned:
     every: int
     pivot: Pivot
     turned_rad: float
-
-
-def thinned_by(motions: ScanMotions) -> int:
-    """Every which beam was kept, 1 of all: the angle between those that are left is then a whole
-    multiple of the declared one."""
-    found = motions.angle_step
-    every = round(found.value)
-    if every < 2 or not SURE_SIGMAS * found.sigma < WHOLE * every:
-        return 1
-    size = Measurement(found.value, found.sigma, "of the declared angle")
-    return 1 if decide(size, ANGLE_LIMIT * every, every) == "fault" else every
 
 
 def thinned(motions: ScanMotions, calibration: Calibration | None) -> Thinned | None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slamsim.check.findings import Measurement, decide
+from slamsim.check.findings import SURE_SIGMAS, Measurement, decide
 from slamsim.core.arrays import Samples
 from slamsim.core.geometry import wrap_angle, yaw_from_xyzw
 from slamsim.core.types import FloatArray, IntArray
@@ -28,6 +28,13 @@ lidars 0.8 to 4.3 mm, by 0.8 mm in the labyrinth; without noise by less than 0.2
 
 ANGLE_LIMIT = 5e-4
 """0.05 % between beams is a fifth of a degree in a full turn; walls are no straighter."""
+
+SWEEP_LIMIT, SWEEP_LIMIT_S = 0.05, 5e-4
+"""Errors of the time between beams up to this share, or of the sweep up to this, do no harm."""
+
+WHOLE = 0.01
+"""So surely, as a share, must an angle be known that is called a multiple of another: one of fifty
+is so near to a whole number by chance."""
 
 SINGLE = 0.3
 UNEVEN, SCATTERED_SHARE = 0.1, 0.2
@@ -99,9 +106,35 @@ def laser_steps(motions: ScanMotions, even: bool = True) -> LaserSteps:
     return steps.select(finite & (steps.second_ns > steps.first_ns))
 
 
+def thinned_by(motions: ScanMotions) -> int:
+    """Every which beam was kept, 1 of all: the angle between those that are left is then a whole
+    multiple of the declared one."""
+    found = motions.angle_step
+    every = round(found.value)
+    if every < 2 or not SURE_SIGMAS * found.sigma < WHOLE * every:
+        return 1
+    size = Measurement(found.value, found.sigma, "of the declared angle")
+    return 1 if decide(size, ANGLE_LIMIT * every, every) == "fault" else every
+
+
+def times_of_all(motions: ScanMotions) -> bool:
+    """Whether the time between beams, too, is declared as of all where some were left out. Who
+    leaves one as it was leaves the other, unless the scans rather say that the sweep is right."""
+    told, every = motions.sweep_s, thinned_by(motions)
+    if every == 1 or told.declared == 0.0:
+        return False
+    of_all_s = every * told.declared
+    limit_s = max(SWEEP_LIMIT * abs(of_all_s), SWEEP_LIMIT_S)
+    if decide(Measurement(told.value, told.sigma, "s"), limit_s, of_all_s) == "fault":
+        return False
+    return abs(told.value - of_all_s) < max(abs(told.value - told.declared), told.sigma)
+
+
 def _swept_s(motions: ScanMotions) -> float:
     """From the beam that has the stamp on, by the scans where they contradict what is declared."""
     told = motions.sweep_s
+    if times_of_all(motions):
+        return thinned_by(motions) * told.declared
     if not motions.contradicted[0]:
         return told.declared
     return swept_s(told.value, told.sigma, told.declared)
@@ -110,7 +143,7 @@ def _swept_s(motions: ScanMotions) -> float:
 def middle_sigma_s(motions: ScanMotions) -> float:
     """How unsure it is when the middle beam of a scan fired: by half of what the sweep is, where it
     is by the scans."""
-    by_scans = motions.contradicted[0] and _swept_s(motions) != 0.0
+    by_scans = motions.contradicted[0] and not times_of_all(motions) and _swept_s(motions) != 0.0
     return 0.5 * float(motions.sweep_s.sigma) if by_scans else 0.0
 
 

@@ -10,10 +10,16 @@ from __future__ import annotations
 import numpy as np
 
 from slamsim.check.calibration.explanation import Explanation
-from slamsim.check.calibration.thinned import Thinned, thinned_by
+from slamsim.check.calibration.thinned import Thinned
 from slamsim.check.fault_groups import LIDAR_TIMES, SWEEPS
 from slamsim.check.findings import SURE_SIGMAS, Curve, Finding, Measurement, Plot, Verdict, decide
-from slamsim.check.motion.laser_steps import ANGLE_LIMIT
+from slamsim.check.motion.laser_steps import (
+    ANGLE_LIMIT,
+    SWEEP_LIMIT,
+    SWEEP_LIMIT_S,
+    thinned_by,
+    times_of_all,
+)
 from slamsim.check.question import FaultKind, Question, anywhere, judge
 from slamsim.check.wording import signed_words, taken_off
 from slamsim.recording import RecordingFormat
@@ -23,9 +29,6 @@ from slamsim.slam.laser.scan_motion import ScanMotions, ShapeEstimate
 
 OFFSET_LIMIT_M = 0.03
 """What edges of the beam and dark surfaces do to a healthy lidar, and what blurs a map."""
-
-SWEEP_LIMIT, SWEEP_LIMIT_S = 0.05, 5e-4
-"""Errors of the time between beams up to this share, or of the sweep up to this, do no harm."""
 
 MEANT = NO_SWEEP
 """Sweeps this near to nothing, or to minus the declared one, are meant to be so."""
@@ -146,7 +149,7 @@ def _of_thinned(motions: ScanMotions, thinned: Thinned) -> Finding:
         Repair("scale_angles", motions.topic, {"factor": float(every), "pivot": thinned.pivot})
     ]
     what, declared = "the angle", "is declared"
-    if _is_of_thinned(motions):
+    if times_of_all(motions):
         repairs.append(Repair("scale_beam_times", motions.topic, {"factor": float(every)}))
         what, declared = "angle and time", "are declared"
     return judge(
@@ -157,25 +160,6 @@ def _of_thinned(motions: ScanMotions, thinned: Thinned) -> Finding:
         advice=f"Multiply {what} between beams by {every}, about the {thinned.pivot} beam.",
         repairs=repairs,
     )
-
-
-def _is_of_thinned(motions: ScanMotions) -> bool:
-    """Whether the time between beams is declared as of all where some were left out."""
-    every, found = thinned_by(motions), motions.sweep_s
-    if every == 1 or found.declared == 0.0:
-        return False
-    return decide(_share(found), every * _sweep_limit(found), every) == "ok"
-
-
-def _share(found: ShapeEstimate) -> Measurement:
-    """A sweep as a share of the one that is declared."""
-    return Measurement(
-        found.value / found.declared, found.sigma / abs(found.declared), "of the declared time"
-    )
-
-
-def _sweep_limit(found: ShapeEstimate) -> float:
-    return max(SWEEP_LIMIT, SWEEP_LIMIT_S / abs(found.declared))
 
 
 def _unit(motions: ScanMotions) -> Finding:
@@ -212,7 +196,9 @@ def check_sweep(motions: ScanMotions, recorded_as: RecordingFormat) -> Finding:
     found = motions.sweep_s
     if found.declared == 0.0:
         return _untimed(motions, recorded_as)
-    share = _share(found)
+    share = Measurement(
+        found.value / found.declared, found.sigma / abs(found.declared), "of the declared time"
+    )
     words = f"the sweep lasts {share.value:.3g} ± {1.96 * share.sigma:.2g} of the declared time"
     fault, meaning, advice, factor = _named(share)
     finding = judge(
@@ -220,14 +206,14 @@ def check_sweep(motions: ScanMotions, recorded_as: RecordingFormat) -> Finding:
         motions.topic,
         {"ok": words, "inconclusive": words, "fault": f"{meaning}: {words}"},
         share,
-        limit=_sweep_limit(found),
+        limit=max(SWEEP_LIMIT, SWEEP_LIMIT_S / abs(found.declared)),
         healthy=1.0,
         fault=fault,
         advice=advice,
         repairs=(Repair("scale_beam_times", motions.topic, {"factor": factor}),),
         plots=(_plot(found),),
     )
-    if _is_of_thinned(motions):  # told once, with the angle between beams
+    if times_of_all(motions):  # told once, with the angle between beams
         return finding.inconclusive(
             f"as that of every {thinned_by(motions)} beams of which one was kept"
         )
