@@ -443,6 +443,31 @@ def test_a_laser_before_a_robot_that_drives_in_circles_is_found_where_it_is(
     assert (np.abs([*off[:2], wrap_angle(off[2]), off[3]]) < 3.0 * found.sigmas).all()
 
 
+def test_where_wheels_skid_a_laser_is_told_to_be_elsewhere_and_left() -> None:
+    """They turn the robot about a point 13 cm behind its base, and by half to all of what they say:
+    that point may as well be elsewhere as the laser."""
+    simulated, rng = healthy(0), np.random.default_rng(0)
+    poses = simulated.truth.poses
+    steps = between(poses[:-1], poses[1:])
+    spells = rng.uniform([[1.0], [0.4]], [[1.8], [1.6]], (2, len(steps) // 100 + 1))
+    dragged, spun = np.repeat(spells, 100, axis=1)[:, : len(steps)]
+    turned = np.append(0.0, np.cumsum(steps[:, 2] * dragged))
+    ahead = np.column_stack([np.cos(turned[:-1]), np.sin(turned[:-1])])
+    xy_m = np.cumsum((steps[:, 0] * spun)[:, None] * ahead, axis=0)
+    wheels = np.column_stack([np.concatenate([np.zeros((1, 2)), xy_m]), wrap_angle(turned)])
+    log = replace(
+        simulated.log,
+        odometry=PlanarTrajectory(simulated.truth.stamps_ns, wheels),
+        imu=None,
+        T_base_laser=matrix(MOUNT - [0.13, 0.0, 0.0]),
+    )
+    found = laser_of(log, odometry_of(log), SlamConfig(), Failures())
+    assert found.left.tolist() == [True, False, False] and not found.corrected[3:].any()
+    (told,) = found.applied(log).warnings
+    assert "further forward" in told and "left as declared" in told
+    assert np.array_equal(found.applied(log).T_base_laser, log.T_base_laser)
+
+
 def test_where_poses_are_the_lasers_no_mount_is_looked_for() -> None:
     found = found_in(replace(healthy(0).log, T_base_laser=np.eye(4)))
     assert np.isinf(found.sigmas[3:]).all()

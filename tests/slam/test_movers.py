@@ -15,9 +15,10 @@ from slamsim.core.types import Cloud, FloatArray, PlanarTrajectory
 from slamsim.models.wheel_gyro import PARAMETERS
 from slamsim.slam.frontend.deskew import deskew
 from slamsim.slam.frontend.match_selection import MatchSelector
-from slamsim.slam.frontend.movers import STANDS_S, WIDEST_M, _compact_things
+from slamsim.slam.frontend.movers import WIDEST_M, compact_things
 from slamsim.slam.frontend.prediction import Prediction
 from slamsim.slam.frontend.preintegration import OdometryStep
+from slamsim.slam.frontend.standing import PROVEN_S, WATCHED_S
 from slamsim.slam.matching import Match
 from slamsim.slam.matching.line import LineMatcher
 
@@ -90,22 +91,53 @@ def seen_along(matcher: LineMatcher, ahead_m: list[float]) -> list[int]:
         here = Prediction(
             now_ns, T, covariance, T, STEP_M * np.eye(3)[0], T_before, False, step, covariance
         )
-        cloud = selector.standing(whole, here)
+        cloud = selector.standing(matcher, whole, here)
         left_out.append(len(whole.hit) - len(cloud.hit))
         selector.place(matcher, cloud, here, T)
         matcher.insert(cloud, T)
     return left_out
 
 
-def test_who_was_seen_to_walk_is_left_out_of_each_scan_until_he_stands() -> None:
+def test_who_walks_is_left_out_of_each_scan_until_he_stands() -> None:
     walks = [2.0] * 30
     stands = [2.0 - STEP_M * k for k in range(1, 51)]
     left_out = np.array(seen_along(LineMatcher(FrontEndConfig()), [*walks, *stands]))
-    begun = int(np.flatnonzero(left_out)[0])
-    assert begun <= 6, "he is known after a few scans"
-    assert np.all(left_out[begun : len(walks)] > 10), "and is in none from then on"
+    assert np.all(left_out[: len(walks)] > 10), "from the first scan on: he may be one who walks"
     stood_s = STEP_S * np.arange(1, 51)
-    assert np.all(left_out[len(walks) :][stood_s > STANDS_S + 3 * STEP_S] == 0)
+    assert np.all(left_out[len(walks) :][stood_s > WATCHED_S + 3 * STEP_S] == 0)
+
+
+def test_who_stands_counts_as_soon_as_that_is_known() -> None:
+    left_out = np.array(
+        seen_along(LineMatcher(FrontEndConfig()), [2.0 - STEP_M * k for k in range(30)])
+    )
+    assert np.all(left_out[round(PROVEN_S / STEP_S) + 1 :] == 0)
+
+
+def test_a_crowd_that_creeps_along_does_not_take_the_robot_with_it() -> None:
+    """None of them alone denies the odometry, whose sigmas are such as scans have shown."""
+    matcher, selector = LineMatcher(FrontEndConfig()), MatchSelector(0.55)
+    at = [(0.9, 0.4, 0.12), (1.3, -0.5, 0.2)]
+    seconds, speed_m_s, estimate = 1 / 6, 0.05, np.zeros(3)
+    step_m = np.array([speed_m_s * seconds, 0.0, 0.0])
+    covariance = np.diag(np.square([0.02, 0.02, 0.003]))
+    for k in range(40):
+        t_s = k * seconds
+        people = [person(x + v * t_s) + np.array([0.0, y, 0.0, y]) for x, y, v in at]
+        T = np.array([speed_m_s * t_s, 0.0, 0.0])
+        cloud = seen(np.concatenate([CORRIDOR, *people]), T, k)
+        near = replace(cloud, hit=cloud.hit & (np.hypot(*cloud.points_m.T) < 4.0))
+        none = OdometryStep.none(np.zeros(PARAMETERS))
+        step = replace(none, T_first_last=step_m, seconds=seconds)
+        predicted = estimate + step_m if k else estimate
+        here = Prediction(
+            *(round(1e9 * t_s), predicted, covariance, T, step_m, estimate, False, step, covariance)
+        )
+        standing = selector.standing(matcher, near, here)
+        match = selector.place(matcher, standing, here, predicted) if k else None
+        estimate = predicted if match is None else match.T_map_base
+        matcher.insert(standing, estimate)
+    assert abs(estimate[0] - speed_m_s * 39 * seconds) < 0.03
 
 
 def test_walls_tell_that_wheels_slip() -> None:
@@ -135,7 +167,7 @@ def test_things_are_compact_and_apart(seed: int) -> None:
             boxes.append(box(x_m - 0.5 * size_m, y_m - 0.1, x_m + 0.5 * size_m, y_m + 0.1))
     cloud = seen(np.concatenate([box(-6.0, -6.0, 6.0, 6.0), *boxes]), np.zeros(3), seed)
     taken = np.zeros(len(cloud.hit), dtype=int)
-    for thing in _compact_things(cloud):
+    for thing in compact_things(cloud):
         points_m = cloud.points_m[thing]
         apart_m = np.hypot(*(points_m[:, None] - points_m[None]).transpose(2, 0, 1))
         assert apart_m.max(initial=0.0) <= 2.0 * WIDEST_M
@@ -147,7 +179,7 @@ def test_things_are_compact_and_apart(seed: int) -> None:
 def test_two_legs_are_one_thing() -> None:
     legs = [box(0.9, y - 0.06, 1.02, y + 0.06) for y in (-0.15, 0.15)]
     cloud = seen(np.concatenate([CORRIDOR, *legs]), np.zeros(3), 1)
-    first = next(_compact_things(cloud))
+    first = next(compact_things(cloud))
     y_m = cloud.points_m[first, 1]
     assert y_m.min() < -0.1 and y_m.max() > 0.1
     assert np.all(np.abs(cloud.points_m[first, 0] - 0.96) < 0.15)
@@ -157,7 +189,7 @@ def test_a_person_ends_where_nothing_comes_back() -> None:
     """Between him and the wall beside him the corridor is longer than the range."""
     cloud = seen(np.concatenate([CORRIDOR, person(3.0)]), np.zeros(3), 1)
     near = cloud.select(np.hypot(*cloud.points_m.T) < 4.0)
-    first = next(_compact_things(near))
+    first = next(compact_things(near))
     assert first.sum() > 5
     assert np.all(np.hypot(*(near.points_m[first] - [3.0, 0.0]).T) < 0.4)
 
@@ -170,4 +202,4 @@ def test_far_walls_of_a_second_lidar_with_fewer_beams_are_no_things() -> None:
     points_m = far_m[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
     hit = np.ones(angles.size, dtype=np.bool_)
     cloud = Cloud(0, points_m, np.zeros_like(points_m), hit, own_beams=fine.size)
-    assert not list(_compact_things(cloud))
+    assert not list(compact_things(cloud))

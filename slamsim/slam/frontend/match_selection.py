@@ -12,6 +12,7 @@ from slamsim.core.types import Cloud, FloatArray
 from slamsim.slam.frontend.kidnap_detection import Surroundings
 from slamsim.slam.frontend.movers import Movers
 from slamsim.slam.frontend.prediction import Prediction
+from slamsim.slam.frontend.standing import StandingThings
 from slamsim.slam.matching import Match, Matcher
 
 FAR_SIGMAS = 5.0
@@ -85,7 +86,7 @@ class MatchSelector:
         self._likely_sigmas = LIKELY_SIGMAS
         self._placed_ns = 0
         self._surroundings = Surroundings()
-        self._movers = Movers()
+        self._movers, self._standing = Movers(), StandingThings()
         self.lost: list[Prediction] = []
         """Where the scans that fitted nowhere should have been, since the last that was placed
         without a second look: a lost robot finds what looks alike now and then."""
@@ -96,9 +97,10 @@ class MatchSelector:
         self.elsewhere = False
         """Whether the last scans are of another place than those before them."""
 
-    def standing(self, cloud: Cloud, prediction: Prediction) -> Cloud:
-        """The cloud without what is known to move by itself."""
-        return self._movers.standing(cloud, prediction)
+    def standing(self, matcher: Matcher, cloud: Cloud, prediction: Prediction) -> Cloud:
+        """The cloud without what is not known to stand, where that tells most."""
+        known = self._movers.standing(cloud, prediction)
+        return self._standing.left(known, prediction, matcher)
 
     def place(
         self, matcher: Matcher, cloud: Cloud, prediction: Prediction, T_map_coasting: FloatArray

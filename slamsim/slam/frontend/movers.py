@@ -116,9 +116,9 @@ class Movers:
         """The cloud without the things that were seen to move and have not stood since."""
         if not self._followed:
             return cloud
-        stamp_ns, lost_s = prediction.stamp_ns, _again_s(prediction)
+        stamp_ns, lost_s = prediction.stamp_ns, again_s(prediction)
         self._followed = [one for one in self._followed if one.last.until(stamp_ns) <= lost_s]
-        things = list(_compact_things(cloud))
+        things = list(compact_things(cloud))
         middles_m = [cloud.points_m[thing].mean(axis=0) for thing in things]
         places_m = transform_points(prediction.T_map_base, np.reshape(middles_m, (-1, 2)))
         kept = np.ones(cloud.hit.size, dtype=np.bool_)
@@ -128,7 +128,7 @@ class Movers:
                 one.see(_Sighting(stamp_ns, places_m[at]))
                 kept &= one.stands | ~things[at]
         self._followed = [one for one in self._followed if not one.stands]
-        return cloud if kept.all() else _left(cloud, kept)
+        return cloud if kept.all() else without(cloud, ~kept)
 
     def left_out(
         self,
@@ -145,8 +145,8 @@ class Movers:
         """
         if not _is_fast(near, prediction):
             return cloud, near
-        for thing in islice(_compact_things(cloud), MOST_TRIED):
-            rest = _left(cloud, ~thing)
+        for thing in islice(compact_things(cloud), MOST_TRIED):
+            rest = without(cloud, thing)
             found = match(rest)
             if found is None or found.inlier_ratio < near.inlier_ratio - FIT_SLACK:
                 continue
@@ -164,11 +164,11 @@ class Movers:
         """Whether it can be the thing that was seen to move before."""
         if self._last is None:
             return False
-        recent = self._last.until(prediction.stamp_ns) <= _again_s(prediction)
+        recent = self._last.until(prediction.stamp_ns) <= again_s(prediction)
         return recent and self._last.can_reach(place_m, prediction.stamp_ns)
 
 
-def _again_s(prediction: Prediction) -> float:
+def again_s(prediction: Prediction) -> float:
     """How long a thing may be out of sight and still be the same."""
     seconds = 0.0 if prediction.odometry is None else prediction.odometry.seconds
     return max(AGAIN_S, AGAIN_SCANS * seconds)
@@ -189,7 +189,7 @@ def _loosened(near: Match, found: Match, prediction: Prediction) -> bool:
     return still_held < ALONE_SHARE * held
 
 
-def _compact_things(cloud: Cloud) -> Iterator[BoolArray]:
+def compact_things(cloud: Cloud) -> Iterator[BoolArray]:
     """(n,) beams on each thing no wider than ``WIDEST_M``, with what stands beside it within that
     width (legs), the one that most beams meet first."""
     hits = np.flatnonzero(cloud.hit)
@@ -234,6 +234,7 @@ def _numbered(points_m: FloatArray, origins_m: FloatArray, own: int) -> IntArray
     return np.asarray(number, dtype=np.int64)
 
 
-def _left(cloud: Cloud, kept: BoolArray) -> Cloud:
+def without(cloud: Cloud, left: BoolArray) -> Cloud:
+    """The cloud but for some of its beams (n,)."""
     own = cloud.own_beams
-    return replace(cloud.select(kept), own_beams=None if own is None else int(kept[:own].sum()))
+    return replace(cloud.select(~left), own_beams=None if own is None else int((~left)[:own].sum()))

@@ -112,7 +112,7 @@ class FrontEnd:
 
         prediction = self._predictor.predict(scan.stamp_ns)
 
-        cloud = self._selector.standing(cloud, prediction)
+        cloud = self._selector.standing(self._matcher, cloud, prediction)
 
         window = self._window.add(cloud, prediction.T_map_base)
         alone, together = (len(self._matcher.pieces(one)) for one in (cloud, window))

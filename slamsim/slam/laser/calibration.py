@@ -70,7 +70,8 @@ class LaserCalibration:
     its stamp says. values: as found, with sigmas (infinite where
     nothing told); declared: by the recording; corrected: which are contradicted so plainly that the
     value found is used. reversed: what turns the other way than the robot. beside: of the robot's
-    other lidars, by their topics.
+    other lidars, by their topics. left: (3,) which of the mount are as plainly contradicted, but by
+    wheels that skid.
     """
 
     values: FloatArray
@@ -79,6 +80,7 @@ class LaserCalibration:
     corrected: BoolArray
     reversed: Reversed = NONE_REVERSED
     beside: Mapping[str, LaserCalibration] = field(default_factory=dict)
+    left: BoolArray = field(default_factory=lambda: np.zeros(3, dtype=np.bool_))
 
     @staticmethod
     def unknown(T_base_laser: FloatArray, sweep_s: float = 0.0) -> LaserCalibration:
@@ -166,7 +168,7 @@ class LaserCalibration:
 
     @property
     def _differs(self) -> bool:
-        return bool(self.corrected.any()) or self.reversed.laser
+        return bool(self.corrected.any() or self.left.any()) or self.reversed.laser
 
     def _warnings(self) -> list[str]:
         off = self.values - self.declared
@@ -174,6 +176,7 @@ class LaserCalibration:
         told = [_UPSIDE_DOWN] if self.reversed.laser else []
         told += [_TURNED_ROUND] if self.is_turned_round else []
         shown = self.corrected.copy()
+        shown[MOUNT] |= self.left
         shown[MOUNT] &= not self.is_turned_round
         for n in np.flatnonzero(shown):
             sentence, more, less = _WORDS[n]
@@ -181,7 +184,8 @@ class LaserCalibration:
             if n == SWEEP and self.backward:
                 sentence = "the last beam fires first, the first one {} ms later"
                 interval = as_interval(-float(self.used[n] * _UNITS[n]), float(doubt[n]))
-            told.append(sentence.format(interval, more if size[n] > 0.0 else less) + "; corrected")
+            end = "; corrected" if self.corrected[n] else _LEFT
+            told.append(sentence.format(interval, more if size[n] > 0.0 else less) + end)
         return told
 
 
@@ -191,6 +195,10 @@ _TURNED_WITHIN = np.array([0.05, 0.05, np.deg2rad(10.0)])
 _TURNED_ROUND = (
     "the wheels are read backward, or the laser looks the other way from the other side of the "
     "base; corrected"
+)
+_LEFT = (
+    " from the point about which the robot turns; left as declared, for the wheels skid, and that "
+    "point may as well be elsewhere than the base"
 )
 _UPSIDE_DOWN = (
     "the scans turn against wheels and gyroscope: the lidar is mounted upside down, and the "

@@ -282,7 +282,9 @@ def _with_mount(
     found: LaserCalibration, mount: Mount | None, *, by_counters: bool
 ) -> LaserCalibration:
     """A laser that is turned, but at the origin, stays there for the same reason. Stamps are left
-    alone of a robot whose motion is not that of its odometry at any time, as one that skids."""
+    alone of a robot whose motion is not that of its odometry at any time, as one that skids: the
+    wheels turn it about a point that may as well be elsewhere than its base, so that the place of
+    the laser is told, and left as well."""
     if mount is None:
         return found
     tolerance = TOLERANCE.copy()
@@ -291,8 +293,9 @@ def _with_mount(
     values = found.declared[PLACED] + mount.off
     told = found.told(PLACED, values, mount.sigmas, np.zeros(4, dtype=np.bool_))
     wrong = _off(told, as_sure_as(SURE_SIGMAS, mount.windows), tolerance)[PLACED]
-    may_be = np.append(_placed(found), mount.fits)
-    return found.told(PLACED, values, mount.sigmas, wrong & may_be)
+    wrong &= np.append(_placed(found), mount.fits)
+    left = wrong & [not mount.fits, not mount.fits, False, False]
+    return replace(found.told(PLACED, values, mount.sigmas, wrong & ~left), left=left[:3])
 
 
 def _placed(found: LaserCalibration) -> BoolArray:

@@ -61,6 +61,10 @@ class Matcher(Protocol):
         """
         ...
 
+    def pieces_of_part(self, part: Cloud) -> FloatArray:
+        """As ``pieces``, of a part of a cloud: nothing is learnt of it about noise."""
+        ...
+
     def match(
         self, cloud: Cloud, T_map_base_guess: FloatArray, prior_covariance: FloatArray
     ) -> Match | None:

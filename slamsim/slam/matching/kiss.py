@@ -69,9 +69,12 @@ class KissMatcher:
     def pieces(self, cloud: Cloud) -> FloatArray:
         """See ``Matcher.pieces``."""
         if self._cached is None or self._cached[0] is not cloud:
-            pieces = surface_pieces(cloud, NOISE_M, 2.0 * VOXEL_M, self._reach_m)
-            self._cached = (cloud, pieces)
+            self._cached = (cloud, self.pieces_of_part(cloud))
         return self._cached[1]
+
+    def pieces_of_part(self, part: Cloud) -> FloatArray:
+        """See ``Matcher.pieces_of_part``; nothing is learnt of any cloud."""
+        return surface_pieces(part, NOISE_M, 2.0 * VOXEL_M, self._reach_m)
 
     def match(
         self, cloud: Cloud, T_map_base_guess: FloatArray, prior_covariance: FloatArray

@@ -75,7 +75,7 @@ class LineMatcher:
         if self._cached is not None and self._cached[0] is cloud:
             return self._cached[1]
         self._noise.see(cloud)
-        pieces = self._cut(cloud)
+        pieces = self.pieces_of_part(cloud)
         self._noise.learn(pieces)
         self._cached = (cloud, pieces)
         return pieces
@@ -102,11 +102,12 @@ class LineMatcher:
         self, part: Cloud, T_map_base_guess: FloatArray, prior_covariance: FloatArray
     ) -> Match | None:
         """See ``Matcher.match_part``."""
-        near = self._near(self._cut(part), T_map_base_guess, prior_covariance)
+        near = self._near(self.pieces_of_part(part), T_map_base_guess, prior_covariance)
         return None if near is None else near.match
 
-    def _cut(self, cloud: Cloud) -> FloatArray:
-        return surface_pieces(cloud, self._noise.sigma_m, self._map.cell_m, self._reach_m)
+    def pieces_of_part(self, part: Cloud) -> FloatArray:
+        """See ``Matcher.pieces_of_part``."""
+        return surface_pieces(part, self._noise.sigma_m, self._map.cell_m, self._reach_m)
 
     def _near(
         self, pieces: FloatArray, guess: FloatArray, covariance: FloatArray
