@@ -226,7 +226,8 @@ class SlamConfig(Config):
     """All of SLAM."""
 
     calibrate_laser: bool = True
-    """Whether angle step, range offset, sweep and mount are corrected where the log contradicts."""
+    """Whether angle step, range offset, sweep, mount and stamps of a laser are corrected where the
+    log contradicts them, and what turns the wrong way is turned round."""
 
     front_end: FrontEndConfig = FrontEndConfig()
     """Deskew, motion prediction, scan matching."""
