@@ -126,7 +126,7 @@ def test_the_beam_that_kept_its_direction_turns_no_laser(
 @pytest.mark.long
 def test_angle_time_and_direction_of_a_thinned_scan_are_told_and_mended_once() -> None:
     """Here the laser sits at the base, and looks where it does as of the first beam."""
-    scans = np.asarray(healthy().scans[0].ranges_m)[:, ::2]
+    scans = np.asarray(healthy().scans[0].ranges_m, dtype=np.float64)[:, ::2]
     of = CloseAngles(SCANS).apply(with_ranges(healthy(), scans))
     evidence = RecordingEvidence(of)
     found = {one.check: one for one in [*laser._asked(evidence), *laser._angles(evidence)]}

@@ -22,9 +22,8 @@ def forward(stamps_ns: IntArray) -> RawScans:
     """Beams that fire one after the other from the stamp on."""
     half_rad = 0.5 * (BEAMS - 1) * STEP_RAD
     layout = ScanLayout(-half_rad, half_rad, STEP_RAD, 1e-9 * BEAM_NS, 0.1, 0.1, 30.0)
-    ranges_m = np.random.default_rng(0).uniform(1.0, 9.0, (len(stamps_ns), BEAMS))
-    of = np.zeros(len(stamps_ns), dtype=np.int32)
-    ranges_m = ranges_m.astype(np.float32)
+    drawn = np.random.default_rng(0).uniform(1.0, 9.0, (len(stamps_ns), BEAMS))
+    of, ranges_m = np.zeros(len(stamps_ns), dtype=np.int32), drawn.astype(np.float32)
     return RawScans("/scan", ("laser",), stamps_ns, None, (layout,), of, ranges_m)
 
 

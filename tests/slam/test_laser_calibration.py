@@ -280,6 +280,41 @@ def test_scans_with_stamps_of_another_instant_are_given_their_own(late_s: float)
     assert told.startswith("scans are stamped") and ("late" in told) == (late_s > 0.0)
 
 
+@pytest.mark.parametrize("late_s", [SWEEP_S, 0.135])
+def test_of_a_lidar_and_wheels_alone_poses_keep_the_stamps_of_the_scans(late_s: float) -> None:
+    """Nothing tells which clock is right, but that stamps lie at the end of each sweep."""
+    true = replace(healthy(0).log, imu=None)
+    assert true.odometry is not None
+    wrong = LaserErrors(late_s=late_s).of(true)
+    found = found_in(wrong)
+    assert found.corrected[DELAY] and found.delay_is_of_odometry == (late_s != SWEEP_S)
+    corrected = found.applied(wrong)
+    assert corrected.odometry is not None
+    scans = [next(iter(log.scans)).stamp_ns * 1e-9 for log in (corrected, wrong)]
+    wheels = [odometry.stamps_ns[0] * 1e-9 for odometry in (corrected.odometry, true.odometry)]
+    moved_s = (wheels[0] - wheels[1], scans[0] - scans[1])
+    expected_s = (late_s, 0.0) if found.delay_is_of_odometry else (0.0, -late_s)
+    np.testing.assert_allclose(moved_s, expected_s, atol=4.0 * found.sigmas[DELAY])
+    (told,) = (words for words in corrected.warnings if "stamped" in words)
+    assert told.startswith("odometry" if found.delay_is_of_odometry else "scans")
+
+
+def test_further_lidars_follow_the_clock_that_odometry_is_set_to() -> None:
+    scan = replace(next(iter(healthy(0, max_s=4.0).log.scans)), beside=())
+    both = replace(scan, beside=(ScanBeside(scan, matrix(MOUNT), "/rear"),))
+    log = replace(healthy(0, max_s=4.0).log, scans=ScanList([both]))
+    rear = LaserCalibration.unknown(log.T_base_laser, SWEEP_S)
+    is_delay = np.arange(len(NAMES)) == DELAY
+    late = replace(rear, values=np.where(is_delay, -0.1, rear.values), corrected=is_delay)
+    for gyro, stamps_s in ((False, (0.0, 0.1)), (True, (-0.1, 0.0))):
+        lidar = replace(
+            late, by_gyro=gyro, sigmas=np.full(len(NAMES), 1e-3), beside={"/rear": rear}
+        )
+        (corrected,) = lidar.applied(log).scans
+        stamps_ns = np.array([corrected.stamp_ns, corrected.beside[0].scan.stamp_ns])
+        np.testing.assert_allclose((stamps_ns - scan.stamp_ns) * 1e-9, stamps_s)
+
+
 @pytest.mark.parametrize("fits", [False, True])
 def test_stamps_are_left_alone_where_odometry_is_no_motion_of_the_laser(fits: bool) -> None:
     """Wheels that skid in each turn seemed 149 ms late."""

@@ -67,11 +67,11 @@ class LaserCalibration:
 
     Angle between beams, true over declared; by how much ranges are too long; seconds from the
     first beam to the last; T_base_laser in the plane; seconds by which a scan was taken later than
-    its stamp says. values: as found, with sigmas (infinite where
+    its stamp says by wheels and gyroscope. values: as found, with sigmas (infinite where
     nothing told); declared: by the recording; corrected: which are contradicted so plainly that the
-    value found is used. reversed: what turns the other way than the robot. beside: of the robot's
-    other lidars, by their topics. left: (3,) which of the mount are as plainly contradicted, but by
-    wheels that skid.
+    value found is used. reversed: what turns the other way than the robot. by_gyro: whether wheels
+    and a gyroscope agree in time. beside: of the robot's other lidars, by their topics. left: (3,)
+    which of the mount are as plainly contradicted, but by wheels that skid.
     """
 
     values: FloatArray
@@ -79,6 +79,7 @@ class LaserCalibration:
     declared: FloatArray
     corrected: BoolArray
     reversed: Reversed = NONE_REVERSED
+    by_gyro: bool = False
     beside: Mapping[str, LaserCalibration] = field(default_factory=dict)
     left: BoolArray = field(default_factory=lambda: np.zeros(3, dtype=np.bool_))
 
@@ -127,9 +128,18 @@ class LaserCalibration:
 
     @property
     def later_ns(self) -> int:
-        """By how much the middle beam fired later than declared."""
-        longer_s = self.sweep_s - float(self.declared[SWEEP])
-        return round(1e9 * (0.5 * longer_s + float(self.used[DELAY])))
+        """By how much the middle beam fired later after the stamp than declared."""
+        return round(0.5e9 * (self.sweep_s - float(self.declared[SWEEP])))
+
+    @property
+    def delay_is_of_odometry(self) -> bool:
+        """Whether a delay is mended by other stamps of the odometry: then all poses keep the stamps
+        of the scans as recorded. Scans are given others where wheels and gyroscope agree, or where
+        they are plainly stamped when their sweep ends. Of a lidar and wheels nothing tells which
+        clock is right (fr079: 135 ms in both halves, a serial line's)."""
+        off_s = float(self.used[DELAY])
+        at_end = abs(off_s + self.sweep_s) < _SURE_SIGMAS * float(self.sigmas[DELAY])
+        return off_s != 0.0 and not self.by_gyro and not at_end
 
     def applied(self, log: Log) -> Log:
         """The log as its lidars really recorded it, with a warning for each number corrected."""
@@ -138,6 +148,8 @@ class LaserCalibration:
         warnings = self._warnings()
         for topic, one in self.beside.items():
             warnings += [f"{topic}: {words}" for words in one._warnings()]
+        if self.delay_is_of_odometry:
+            log = _with_motion_later(log, round(-1e9 * float(self.used[DELAY])))
         return replace(
             log,
             scans=_Corrected(log.scans, self),
@@ -184,6 +196,8 @@ class LaserCalibration:
             if n == SWEEP and self.backward:
                 sentence = "the last beam fires first, the first one {} ms later"
                 interval = as_interval(-float(self.used[n] * _UNITS[n]), float(doubt[n]))
+            if n == DELAY and self.delay_is_of_odometry:
+                sentence, more, less = _OF_ODOMETRY
             end = "; corrected" if self.corrected[n] else _LEFT
             told.append(sentence.format(interval, more if size[n] > 0.0 else less) + end)
         return told
@@ -217,14 +231,29 @@ _WORDS = (
 )
 
 
+_OF_ODOMETRY = ("odometry is stamped {} ms too {} for the scans", "late", "early")
+
+
+def _with_motion_later(log: Log, later_ns: int) -> Log:
+    """The log with the stamps of wheels and odometry moved."""
+    odometry, encoders = log.odometry, log.encoders
+    if odometry is not None:
+        odometry = replace(odometry, stamps_ns=odometry.stamps_ns + later_ns)
+    if encoders is not None:
+        encoders = replace(encoders, stamps_ns=encoders.stamps_ns + later_ns)
+    return replace(log, odometry=odometry, encoders=encoders)
+
+
 class _Corrected:
     """The scans of all lidars with other angles, ranges and beam times, made as they are asked
     for."""
 
     def __init__(self, scans: ScanSource, lidar: LaserCalibration) -> None:
-        self._scans, self._own = scans, _CorrectedShape(lidar)
+        clock_s = float(lidar.used[DELAY]) if lidar.delay_is_of_odometry else 0.0
+        self._scans, self._own = scans, _CorrectedShape(lidar, clock_s)
         self._beside = {
-            topic: (_CorrectedShape(one), one.mounted) for topic, one in lidar.beside.items()
+            topic: (_CorrectedShape(one, clock_s), one.mounted)
+            for topic, one in lidar.beside.items()
         }
 
     def __len__(self) -> int:
@@ -244,12 +273,12 @@ class _Corrected:
 
 
 class _CorrectedShape:
-    """Corrects the scans of one lidar."""
+    """Corrects the scans of one lidar. clock_s: by how much odometry was set back."""
 
-    def __init__(self, lidar: LaserCalibration) -> None:
+    def __init__(self, lidar: LaserCalibration, clock_s: float) -> None:
         used = lidar.used
         self._scale, self._offset_m = float(used[ANGLE_SCALE]), float(used[RANGE_OFFSET])
-        self._later_ns = round(1e9 * float(used[DELAY]))
+        self._later_ns = round(1e9 * (float(used[DELAY]) - clock_s))
         self._backward = lidar.backward
         sweep_s = -lidar.sweep_s if self._backward else lidar.sweep_s
         self._longer_s = sweep_s - float(lidar.declared[SWEEP])

@@ -119,7 +119,8 @@ def _calibrated(
         if odometry is not None and abs(float(T_base_laser[2, 2])) >= LEVEL:
             moved = stretches(motions.windows, found.later_ns, odometry)
             moved = moved.mirrored() if T_base_laser[2, 2] < 0.0 else moved
-            found = replace(found, reversed=reversed_parts(moved.turns_rad))
+            turned = reversed_parts(moved.turns_rad)
+            found = replace(found, reversed=turned, by_gyro=odometry.has_gyro)
             upside_down = found.reversed.laser != bool(T_base_laser[2, 2] < 0.0)
             if _declares_mount(T_base_laser):
                 mount = _mount(motions, found, odometry, config, upside_down=upside_down)
