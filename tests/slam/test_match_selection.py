@@ -38,6 +38,8 @@ class OneMatch:
     def pieces(self, cloud: Cloud) -> FloatArray:
         return np.zeros((0, 10))
 
+    pieces_of_part = pieces
+
     def match(self, cloud: Cloud, guess: FloatArray, covariance: FloatArray) -> Match | None:
         at = self.T_map_base
         return Match(at, 1e4 * np.eye(3), self.inlier_ratio, 1.0, np.zeros((0, 3)))
