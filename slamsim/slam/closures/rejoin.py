@@ -20,11 +20,6 @@ map takes long, and a part that shows nothing of the others may stay so for kilo
 KEEP_LOOKING_M = 10.0
 """After a look that led somewhere, others must confirm it: so far no pause is made."""
 
-LOOKUPS_PER_M = 2e8
-"""Of the grid, a third of a second's: a look may read it so often for each metre of the pause that
-follows if it leads nowhere. Those that led somewhere in the offices of fr079 took 3 million; a map
-torn in 50 places took ten seconds at every key frame, and led nowhere all the same."""
-
 MOST_SUBMAPS = 2
 NEAR_M = 8.0
 """About the reach of the lidars of small robots: submaps farther away share no surface."""
@@ -68,8 +63,7 @@ class MapSearch:
         heading of the query may be off.
         """
         everywhere = self._of(submaps, poses)
-        heading_rad, most_lookups = float(poses[query.anchor, 2]), LOOKUPS_PER_M * self._pause_m
-        T_map_query = everywhere.find(query, heading_rad, turn_rad, most_lookups)
+        T_map_query = everywhere.find(query, float(poses[query.anchor, 2]), turn_rad)
         if T_map_query is None:
             if query.to_path_m > self._found_m + KEEP_LOOKING_M:
                 self._next_m = query.to_path_m + self._pause_m

@@ -87,16 +87,11 @@ class Everywhere:
         self._grids: dict[float, LikelihoodGrid] = {}
 
     def find(
-        self,
-        query: Submap,
-        heading_rad: float = 0.0,
-        turn_rad: float = np.pi,
-        most_lookups: float = np.inf,
+        self, query: Submap, heading_rad: float = 0.0, turn_rad: float = np.pi
     ) -> FloatArray | None:
         """T_map_query: (3,), or None if it fits nowhere, or in several places.
 
-        heading_rad: of the query in the map frame, to within turn_rad. most_lookups: a search that
-        has read the grid so often is given up, if not before by its effort.
+        heading_rad: of the query in the map frame, to within turn_rad.
         """
         points = beside_path(query) - query.middle_m
         if not len(points) or np.ptp(points, axis=0).max() < MIN_SPREAD_M:
@@ -104,7 +99,7 @@ class Everywhere:
         points = np.ascontiguousarray(points[:: max(1, -(-len(points) // MAX_POINTS))])
         middle = np.array([0.0, 0.0, heading_rad])
         for sigma_m in SIGMAS_M:
-            peak = self._peak(sigma_m, points, middle, turn_rad, most_lookups)
+            peak = self._peak(sigma_m, points, middle, turn_rad)
             if peak is None:
                 return None
             if peak.rival <= self._limits.ambiguity_ratio * peak.score:
@@ -140,12 +135,7 @@ class Everywhere:
             yield None
 
     def _peak(
-        self,
-        sigma_m: float,
-        points_m: FloatArray,
-        T_map_points: FloatArray,
-        turn_rad: float,
-        most_lookups: float,
+        self, sigma_m: float, points_m: FloatArray, T_map_points: FloatArray, turn_rad: float
     ) -> Peak | None:
         limits = self._limits
         rival = (
@@ -156,9 +146,8 @@ class Everywhere:
         least = limits.min_score
         if sigma_m == SIGMA_M:
             least = max(least, self._effort.least_score)
-        window, most = self._whole_map(turn_rad)
+        window, most_lookups = self._whole_map(turn_rad)
         grid = self._grid(sigma_m)
-        most_lookups = min(most_lookups, most)
         return search(grid, points_m, T_map_points, window, least, rival, most_lookups)
 
     def _whole_map(self, turn_rad: float) -> tuple[Window, float]:
