@@ -67,6 +67,10 @@ tell turns far worse than steps."""
 TINY = 1e-9
 """Information, 1/m^2, of a direction that nothing tells."""
 
+CHECKED_NS = 500_000_000
+"""So often it is asked whether anything must be watched: where what is not compact tells enough by
+itself, nothing is. To follow the things of each scan of a labyrinth took as long as to match it."""
+
 SLIP_THINGS, SLIP_SHARE = 3, 0.25
 """So many things that all move by one step, give or take so much of it, stand: the wheels slip."""
 
@@ -155,6 +159,8 @@ class StandingThings:
     def __init__(self) -> None:
         self._tracks: list[_Track] = []
         self._turned_rad = 0.0
+        self._checked_ns: int | None = None
+        self._needless = False
 
     def left(self, cloud: Cloud, prediction: Prediction, matcher: Matcher) -> Cloud:
         """The cloud without what is not known to stand, where that tells most."""
@@ -163,19 +169,30 @@ class StandingThings:
             self._tracks = []
             return cloud
         self._turned_rad += abs(float(prediction.T_last_base[2]))
-        kept = ~self._unproven(cloud, prediction)
-        if kept.all():
+        self._check(cloud, prediction.stamp_ns, matcher)
+        if self._needless:
             return cloud
-        rest = without(cloud, ~kept)
-        whole, held = (_information(matcher.pieces_of_part(one)) for one in (cloud, rest))
-        loosest = np.append(np.linalg.eigh(held[:2, :2])[1][:, 0], 0.0)
-        holds = loosest @ held @ loosest >= REST_SHARE * (loosest @ whole @ loosest)
-        turns_too = _of_turn(held) < TURN_KEPT
-        return cloud if holds or turns_too else rest
+        unproven = self._unproven(cloud, list(compact_things(cloud)), prediction)
+        if not unproven.any():
+            return cloud
+        rest = without(cloud, unproven)
+        tells_most, tells_turn = _compared(matcher, cloud, rest)
+        return rest if tells_turn and not tells_most else cloud
 
-    def _unproven(self, cloud: Cloud, prediction: Prediction) -> BoolArray:
+    def _check(self, cloud: Cloud, stamp_ns: int, matcher: Matcher) -> None:
+        """Now and then, whether a scan tells enough without any compact thing."""
+        if self._checked_ns is not None and 0 <= stamp_ns - self._checked_ns < CHECKED_NS:
+            return
+        self._checked_ns = stamp_ns
+        compact = np.zeros(cloud.hit.size, dtype=np.bool_)
+        for thing in compact_things(cloud):
+            compact |= thing
+        self._needless = _compared(matcher, cloud, without(cloud, compact))[0]
+        if self._needless:
+            self._tracks = []
+
+    def _unproven(self, cloud: Cloud, things: list[BoolArray], prediction: Prediction) -> BoolArray:
         """(n,) beams on things that move, or are not known yet."""
-        things = list(compact_things(cloud))
         seen = _Seen.of(cloud, things, prediction)
         stamp_ns, lost_s = prediction.stamp_ns, again_s(prediction)
         self._tracks = [
@@ -270,6 +287,15 @@ def _slip(tracks: list[_Track]) -> bool:
     m_s = np.array([track.moved_m / track.seconds for track in judged])
     off_m_s = np.hypot(*(m_s - m_s.mean(axis=0)).T)
     return bool(np.all(off_m_s <= SLIP_SHARE * np.hypot(*m_s.mean(axis=0))))
+
+
+def _compared(matcher: Matcher, cloud: Cloud, rest: Cloud) -> tuple[bool, bool]:
+    """Whether the rest of a scan tells most of what all of it does of the direction that the rest
+    tells least of, and whether it tells the robot's turn."""
+    whole, held = (_information(matcher.pieces_of_part(one)) for one in (cloud, rest))
+    loosest = np.append(np.linalg.eigh(held[:2, :2])[1][:, 0], 0.0)
+    tells_most = loosest @ held @ loosest >= REST_SHARE * (loosest @ whole @ loosest)
+    return bool(tells_most), _of_turn(held) >= TURN_KEPT
 
 
 def _information(pieces: FloatArray) -> FloatArray:
