@@ -151,7 +151,11 @@ def measure_matcher(path: Path, config: SlamConfig, progress: Progress = silent)
     """
     log = read_log(path)
     truth = read_truth(path)
-    reference = run_slam(log, config).trajectory if truth is None else truth.planar()
+    if truth is None:
+        result = run_slam(log, config)
+        reference, log = result.trajectory, result.log or log
+    else:
+        reference = truth.planar()
     rng = np.random.default_rng(0)
     plain, searched = Basin(), Basin()
     errors: list[FloatArray] = []

@@ -152,6 +152,7 @@ def _slam(subject: _Subject) -> Figures:
             log, slam = read_log(path), subject.config.slam
             passed_s.clear()
             result = run_slam(log, slam, lambda done, total: passed_s.append(time.perf_counter()))
+            log = result.log or log
             motion = predict_motion(log)
             build_grid(
                 log.scans, result.trajectory, log.T_base_laser, subject.config.mapping, motion

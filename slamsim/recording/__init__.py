@@ -20,6 +20,9 @@ from slamsim.cameras.survey import CameraSurvey
 from slamsim.core.types import Epoch, Float32Array, FloatArray, IntArray
 from slamsim.recording import schemas
 
+MOST_ROUNDED = 0.01
+"""Of an angle between beams: 1,440 beams with 0.0044 rad come to 0.9 %."""
+
 
 @dataclass(frozen=True, slots=True)
 class ScanLayout:
@@ -40,9 +43,11 @@ class ScanLayout:
 
     def unfolded(self, beams: int) -> ScanLayout:
         """What a layout that folds was before its angle between beams was rounded to some decimal:
-        of 1,800 beams 0.00349 rad are often written as 0.0035. As declared if it does not fold, or
-        if neither its ends nor a whole turn give an angle that rounds to the declared one."""
-        if not self.folds(beams):
+        of 1,800 beams 0.00349 rad are often written as 0.0035. As declared if it does not fold, if
+        it is a hundredth of a turn too wide or more, which is no rounding, or if neither its ends
+        nor a whole turn give an angle that rounds to the declared one."""
+        widest_rad = 2.0 * math.pi * (1.0 + MOST_ROUNDED)
+        if not self.folds(beams) or abs(self.angle_step_rad) * (beams - 1) > widest_rad:
             return self
         span_rad = self.angle_max_rad - self.angle_min_rad
         turn_rad = math.copysign(2.0 * math.pi, self.angle_step_rad)

@@ -294,7 +294,7 @@ def map_log(
         odometry = odometry_of(log)
         laser = laser_of(log, odometry, config, failures)
     log = laser.applied(log)
-    if laser.delay_is_of_odometry:
+    if laser.moves_odometry:
         odometry = odometry_of(log)
     seconds["laser"] = time.perf_counter() - started_s - seconds["motion"]
     return_freed_memory()

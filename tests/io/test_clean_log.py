@@ -216,16 +216,18 @@ def test_a_turn_whose_angle_between_beams_is_rounded_is_a_turn(
         return
     last_rad = -np.pi + (beams - 1) * (rounded_rad if by_rounded else step_rad)
     layout = ScanLayout(-np.pi, last_rad, rounded_rad, 0.0, 0.0, 0.1, 10.0)
-    if layout.folds(beams):
+    if layout.folds(beams) and abs(rounded_rad) * (beams - 1) <= 1.01 * 2.0 * np.pi:
         assert layout.unfolded(beams).angle_step_rad == pytest.approx(step_rad, rel=1.01 / beams)
     else:
         assert layout.unfolded(beams) is layout
 
 
 def test_scans_that_fold_otherwise_are_left_alone() -> None:
-    for step_rad in (0.07, 0.0123456, 1e9):
-        layout = ScanLayout(-np.pi, np.pi, step_rad, 0.0, 0.0, 0.1, 10.0)
-        assert layout.folds(720) and layout.unfolded(720) is layout
+    """The last two are turns and a quarter, and 366 degrees, of exact angles."""
+    for step_rad, beams in ((0.07, 720), (0.0123456, 720), (1e9, 720), (0.01, 800), (0.01, 640)):
+        last_rad = np.pi if step_rad != 0.01 else -np.pi + (beams - 1) * step_rad
+        layout = ScanLayout(-np.pi, last_rad, step_rad, 0.0, 0.0, 0.1, 10.0)
+        assert layout.folds(beams) and layout.unfolded(beams) is layout
 
 
 def test_scans_of_a_turn_with_a_rounded_angle_are_used_and_that_is_told() -> None:

@@ -66,8 +66,9 @@ SAMPLED_READINGS = 1_000_000
 _Rows = Sequence[Float32Array] | Float32Array
 _UNKNOWN_STEP_RAD = 1e-9  # so small that no run of beams is too long for a flat wall
 MOST_CODES = 25
-"""Scanners have up to nine error codes (SICK). What seems to have more is a room in which all beams
-of a scan are alike, and to peel them off one by one took minutes."""
+"""Scanners have up to nine error codes (SICK), and noise or units may split each of them. What
+seems to have more is a room in which all beams of a scan are alike: peeling those off took minutes.
+"""
 _LOG_LEVEL = math.log(FALSE_ALARM / (2 * 2 * (HALVINGS + 2) * MOST_CODES))
 """Both tests, both tops, every width, and all codes share the false alarm rate."""
 

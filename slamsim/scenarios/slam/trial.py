@@ -132,6 +132,7 @@ def _map(recording: Recording, driven: Driven, config: SlamCaseConfig) -> _Mappe
         write_recording(recording, path)
         log = read_log(path)
         result = run_slam(log, config.slam)
+        log = result.log or log  # with the scans that the poses belong to
         grid, laid = (
             build_grid(log.scans, way, log.T_base_laser, config.mapping)
             for way in (result.trajectory, result.odometry)

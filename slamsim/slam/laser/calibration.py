@@ -69,9 +69,9 @@ class LaserCalibration:
     first beam to the last; T_base_laser in the plane; seconds by which a scan was taken later than
     its stamp says by wheels and gyroscope. values: as found, with sigmas (infinite where
     nothing told); declared: by the recording; corrected: which are contradicted so plainly that the
-    value found is used. reversed: what turns the other way than the robot. by_gyro: whether wheels
-    and a gyroscope agree in time. beside: of the robot's other lidars, by their topics. left: (3,)
-    which of the mount are as plainly contradicted, but by wheels that skid.
+    value found is used. reversed: what turns the other way than the robot. beside: of the robot's
+    other lidars, by their topics. left: (3,) which of the mount are as plainly contradicted, but by
+    wheels that skid.
     """
 
     values: FloatArray
@@ -79,7 +79,6 @@ class LaserCalibration:
     declared: FloatArray
     corrected: BoolArray
     reversed: Reversed = NONE_REVERSED
-    by_gyro: bool = False
     beside: Mapping[str, LaserCalibration] = field(default_factory=dict)
     left: BoolArray = field(default_factory=lambda: np.zeros(3, dtype=np.bool_))
 
@@ -132,14 +131,18 @@ class LaserCalibration:
         return round(0.5e9 * (self.sweep_s - float(self.declared[SWEEP])))
 
     @property
-    def delay_is_of_odometry(self) -> bool:
-        """Whether a delay is mended by other stamps of the odometry: then all poses keep the stamps
-        of the scans as recorded. Scans are given others where wheels and gyroscope agree, or where
-        they are plainly stamped when their sweep ends. Of a lidar and wheels nothing tells which
-        clock is right (fr079: 135 ms in both halves, a serial line's)."""
-        off_s = float(self.used[DELAY])
-        at_end = abs(off_s + self.sweep_s) < _SURE_SIGMAS * float(self.sigmas[DELAY])
-        return off_s != 0.0 and not self.by_gyro and not at_end
+    def is_stamped_at_end(self) -> bool:
+        """Whether scans are plainly stamped when their sweep ends: then they are given the instant
+        of their first beam."""
+        off_s, sigma_s = float(self.used[DELAY]), float(self.sigmas[DELAY])
+        return off_s != 0.0 and abs(off_s + self.sweep_s) < _SURE_SIGMAS * sigma_s
+
+    @property
+    def moves_odometry(self) -> bool:
+        """Whether wheels and gyroscope are set to the clock of the scans. Which of them is wrong
+        nothing tells (in fr079 both are 135 ms apart, by a serial line): poses keep the stamps that
+        the scans have."""
+        return float(self.used[DELAY]) != 0.0 and not self.is_stamped_at_end
 
     def applied(self, log: Log) -> Log:
         """The log as its lidars really recorded it, with a warning for each number corrected."""
@@ -148,7 +151,7 @@ class LaserCalibration:
         warnings = self._warnings()
         for topic, one in self.beside.items():
             warnings += [f"{topic}: {words}" for words in one._warnings()]
-        if self.delay_is_of_odometry:
+        if self.moves_odometry:
             log = _with_motion_later(log, round(-1e9 * float(self.used[DELAY])))
         return replace(
             log,
@@ -196,7 +199,7 @@ class LaserCalibration:
             if n == SWEEP and self.backward:
                 sentence = "the last beam fires first, the first one {} ms later"
                 interval = as_interval(-float(self.used[n] * _UNITS[n]), float(doubt[n]))
-            if n == DELAY and self.delay_is_of_odometry:
+            if n == DELAY and self.moves_odometry:
                 sentence, more, less = _OF_ODOMETRY
             end = "; corrected" if self.corrected[n] else _LEFT
             told.append(sentence.format(interval, more if size[n] > 0.0 else less) + end)
@@ -231,17 +234,19 @@ _WORDS = (
 )
 
 
-_OF_ODOMETRY = ("odometry is stamped {} ms too {} for the scans", "late", "early")
+_OF_ODOMETRY = ("wheels and gyroscope are stamped {} ms too {} for the scans", "late", "early")
 
 
 def _with_motion_later(log: Log, later_ns: int) -> Log:
-    """The log with the stamps of wheels and odometry moved."""
-    odometry, encoders = log.odometry, log.encoders
+    """The log with the stamps of wheels, odometry and inertial unit moved."""
+    odometry, encoders, imu = log.odometry, log.encoders, log.imu
     if odometry is not None:
         odometry = replace(odometry, stamps_ns=odometry.stamps_ns + later_ns)
     if encoders is not None:
         encoders = replace(encoders, stamps_ns=encoders.stamps_ns + later_ns)
-    return replace(log, odometry=odometry, encoders=encoders)
+    if imu is not None:
+        imu = replace(imu, stamps_ns=imu.stamps_ns + later_ns)
+    return replace(log, odometry=odometry, encoders=encoders, imu=imu)
 
 
 class _Corrected:
@@ -249,11 +254,9 @@ class _Corrected:
     for."""
 
     def __init__(self, scans: ScanSource, lidar: LaserCalibration) -> None:
-        clock_s = float(lidar.used[DELAY]) if lidar.delay_is_of_odometry else 0.0
-        self._scans, self._own = scans, _CorrectedShape(lidar, clock_s)
+        self._scans, self._own = scans, _CorrectedShape(lidar)
         self._beside = {
-            topic: (_CorrectedShape(one, clock_s), one.mounted)
-            for topic, one in lidar.beside.items()
+            topic: (_CorrectedShape(one), one.mounted) for topic, one in lidar.beside.items()
         }
 
     def __len__(self) -> int:
@@ -273,12 +276,13 @@ class _Corrected:
 
 
 class _CorrectedShape:
-    """Corrects the scans of one lidar. clock_s: by how much odometry was set back."""
+    """Corrects the scans of one lidar."""
 
-    def __init__(self, lidar: LaserCalibration, clock_s: float) -> None:
+    def __init__(self, lidar: LaserCalibration) -> None:
         used = lidar.used
         self._scale, self._offset_m = float(used[ANGLE_SCALE]), float(used[RANGE_OFFSET])
-        self._later_ns = round(1e9 * (float(used[DELAY]) - clock_s))
+        later_s = float(used[DELAY]) if lidar.is_stamped_at_end else 0.0
+        self._later_ns = round(1e9 * later_s)
         self._backward = lidar.backward
         sweep_s = -lidar.sweep_s if self._backward else lidar.sweep_s
         self._longer_s = sweep_s - float(lidar.declared[SWEEP])

@@ -30,6 +30,7 @@ from slamsim.slam.failures import Failures
 from slamsim.slam.frontend.motion import Odometry
 from slamsim.slam.laser.calibration import (
     ANGLE_SCALE,
+    DELAY,
     MOUNT,
     PLACED,
     RANGE_OFFSET,
@@ -119,8 +120,7 @@ def _calibrated(
         if odometry is not None and abs(float(T_base_laser[2, 2])) >= LEVEL:
             moved = stretches(motions.windows, found.later_ns, odometry)
             moved = moved.mirrored() if T_base_laser[2, 2] < 0.0 else moved
-            turned = reversed_parts(moved.turns_rad)
-            found = replace(found, reversed=turned, by_gyro=odometry.has_gyro)
+            found = replace(found, reversed=reversed_parts(moved.turns_rad))
             upside_down = found.reversed.laser != bool(T_base_laser[2, 2] < 0.0)
             if _declares_mount(T_base_laser):
                 mount = _mount(motions, found, odometry, config, upside_down=upside_down)
@@ -138,20 +138,21 @@ def _mount(
     *,
     upside_down: bool,
 ) -> Mount | None:
-    """The mount; a delay beyond which turns are no longer even is found about what it was found."""
+    """The mount and the delay, which is sought again about the one that was found until it stays:
+    one step is right only while the robot turns evenly. Unknown if it does not stay."""
     delay_s = 0.0
     for _ in range(DELAY_ROUNDS):
         moved = stretches(motions.windows, found.later_ns + round(1e9 * delay_s), odometry)
-        mount = find_mount(
-            moved.mirrored() if upside_down else moved, found.declared[MOUNT], config
-        )
+        moved = moved.mirrored() if upside_down else moved
+        mount = find_mount(moved, found.declared[MOUNT], config)
         if mount is None:
             return None
-        mount, before_s = mount.delayed(delay_s), delay_s
-        delay_s = float(mount.off[-1])
-        if abs(delay_s - before_s) < DELAY_STEP_S:
-            break
-    return mount
+        found_s, mount = float(mount.off[-1]), mount.delayed(delay_s)
+        if abs(found_s) < DELAY_STEP_S:
+            return mount
+        delay_s += found_s
+        unsure = replace(mount, sigmas=np.append(mount.sigmas[:-1], np.inf))
+    return unsure
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -282,10 +283,10 @@ def _declares_mount(T_base_laser: FloatArray) -> bool:
 def _with_mount(
     found: LaserCalibration, mount: Mount | None, *, by_counters: bool
 ) -> LaserCalibration:
-    """A laser that is turned, but at the origin, stays there for the same reason. Stamps are left
-    alone of a robot whose motion is not that of its odometry at any time, as one that skids: the
-    wheels turn it about a point that may as well be elsewhere than its base, so that the place of
-    the laser is told, and left as well."""
+    """A laser that is turned, but at the origin, stays there for the same reason. Where scans and
+    odometry do not show one motion, as of a robot that skids, stamps are left alone; wheels turn it
+    about a point that may as well be elsewhere than its base, so that the place of the laser is
+    told, and left as well."""
     if mount is None:
         return found
     tolerance = TOLERANCE.copy()
@@ -314,10 +315,13 @@ def _moved_together(lidars: list[tuple[LaserCalibration, Mount | None]]) -> list
     wrong = np.any([one.corrected[MOUNT] for one, _ in lidars], axis=0)
     wrong &= all(_known(one) for one, _ in lidars)
     moved = []
-    for one, mount in lidars:
+    for number, (one, mount) in enumerate(lidars):
         sigmas = np.inf if mount is None else as_sure_as(DOUBT_SIGMAS, mount.windows)
         off = _off(one, sigmas, np.zeros(len(TOLERANCE)))[MOUNT]
-        moved.append(one.told(MOUNT, one.values[MOUNT], one.sigmas[MOUNT], wrong & off))
+        # Wheels and gyroscope can be set to one clock alone, the first lidar's.
+        late = one.corrected[DELAY] & (number == 0 or one.is_stamped_at_end)
+        corrected = np.append(wrong & off, late)
+        moved.append(one.told(PLACED, one.values[PLACED], one.sigmas[PLACED], corrected))
     return moved
 
 

@@ -41,6 +41,13 @@ hardly slip and scans overlap."""
 ROUNDS = 8
 STILL_SIGMAS = 0.01
 """A step smaller than this changes no interval that is reported."""
+HEARD_SHARE = 0.99
+"""Of a stretch that a gyroscope tells: all of it, but for what sums round."""
+FIT_SQUARED = 2.0
+"""Scans and odometry are one motion if the median of the squared errors is no more than so many
+times that of three normal variables. Of the four that a gyroscope makes it is 1.4 times that, give
+or take 0.4 of twelve stretches; seven healthy drives came to 0.2 at most, skidding robots to 3 and
+more."""
 DOUBT_SQUARED = 9.0
 """Errors of three sigmas count half (Cauchy)."""
 DELAY_STEP_S, DELAY_ROUNDS = 0.02, 4
@@ -91,7 +98,10 @@ class Stretches:
     def turns_rad(self) -> FloatArray:
         """(n, 3) by laser, wheels and gyroscope, nan where that was silent for a part."""
         turned = [
-            (step.wheel_turn_rad, step.T_first_last[2] if step.gyro_s >= step.seconds else np.nan)
+            (
+                step.wheel_turn_rad,
+                step.T_first_last[2] if step.gyro_s > HEARD_SHARE * step.seconds else np.nan,
+            )
             for step in self.steps
         ]
         return np.column_stack([self.T_laser[:, 2], np.array(turned).reshape(-1, 2)])
@@ -169,7 +179,7 @@ def find_mount(found: Stretches, T_base_laser: FloatArray, config: MotionConfig)
     variance = np.maximum(robust, np.diag(covariance))[FOUND] + np.square(UNMODELLED)
     off = values[FOUND] - np.append(T_base_laser, 0.0)
     left_over = float(np.median(_residual(found, values, noise).squared))
-    return Mount(off, np.sqrt(variance), len(spread), left_over <= MEDIAN_CHI2_3)
+    return Mount(off, np.sqrt(variance), len(spread), left_over <= FIT_SQUARED * MEDIAN_CHI2_3)
 
 
 def _rough_yaw_rad(found: Stretches, T_base_laser: FloatArray) -> float:

@@ -1,8 +1,8 @@
 """Which of laser, wheels and gyroscope turns the other way than the robot does.
 
 A laser or an inertial unit hangs upside down, and the transform to it does not say so; the sides of
-wheels are exchanged, or odometry has the axes of a body that looks down. Any of these tears a map
-in the first turn.
+wheels are exchanged, or odometry has the axes of a body that looks down. A gyroscope that turns the
+wrong way tears a map in the first turn; a lidar makes its mirror image.
 """
 
 from __future__ import annotations
@@ -40,13 +40,14 @@ class Reversed:
         told = []
         if self.wheels:
             told.append(_WHEELS)
-            if odometry is not None:
-                odometry = replace(odometry, poses=odometry.poses * [1.0, -1.0, -1.0])
-            if encoders is not None:
+            if encoders is not None:  # then the odometry was not looked at
                 encoders = replace(encoders, ticks=np.ascontiguousarray(encoders.ticks[:, ::-1]))
+            elif odometry is not None:
+                odometry = replace(odometry, poses=odometry.poses * [1.0, -1.0, -1.0])
         if self.gyro:
             told.append(_GYRO)
-            T_base_imu = (np.eye(4) if T_base_imu is None else T_base_imu) @ UPSIDE_DOWN
+            T_base_imu = (np.eye(4) if T_base_imu is None else T_base_imu).copy()
+            T_base_imu[:3, :3] = UPSIDE_DOWN[:3, :3] @ T_base_imu[:3, :3]
         return replace(
             log,
             odometry=odometry,
@@ -61,12 +62,10 @@ NONE_REVERSED = Reversed()
 
 def reversed_parts(turns_rad: FloatArray) -> Reversed:
     """What the turns (n, 3) of laser, wheels and gyroscope in the same stretches say, those of the
-    gyroscope nan where it is silent: two of three are believed, and without a gyroscope the wheels,
-    for lasers hang upside down more often."""
+    gyroscope nan where it is silent: two of three are believed. Of two none is, for the map of a
+    robot with mirrored wheels would become a mirror image."""
     heard = np.isfinite(turns_rad[:, 2])
     by_wheels, by_gyro = _sign(turns_rad[:, [0, 1]]), _sign(turns_rad[heard][:, [0, 2]])
-    if by_gyro == 0:
-        return Reversed(laser=by_wheels < 0 and not heard.any())
     return Reversed(
         laser=by_wheels < 0 and by_gyro < 0,
         wheels=by_wheels < 0 < by_gyro,
