@@ -99,6 +99,10 @@ class _Track:
         return self._seen[-1]
 
     @property
+    def since_ns(self) -> int:
+        return self._seen[0].stamp_ns
+
+    @property
     def seconds(self) -> float:
         return (self.last.stamp_ns - self._seen[0].stamp_ns) * 1e-9
 
@@ -161,6 +165,7 @@ class StandingThings:
         self._turned_rad = 0.0
         self._checked_ns: int | None = None
         self._needless = False
+        self._since_ns = 0
 
     def left(self, cloud: Cloud, prediction: Prediction, matcher: Matcher) -> Cloud:
         """The cloud without what is not known to stand, where that tells most."""
@@ -187,9 +192,10 @@ class StandingThings:
         compact = np.zeros(cloud.hit.size, dtype=np.bool_)
         for thing in compact_things(cloud):
             compact |= thing
+        was_needless = self._needless
         self._needless = _compared(matcher, cloud, without(cloud, compact))[0]
-        if self._needless:
-            self._tracks = []
+        if was_needless and not self._needless:
+            self._tracks, self._since_ns = [], stamp_ns
 
     def _unproven(self, cloud: Cloud, things: list[BoolArray], prediction: Prediction) -> BoolArray:
         """(n,) beams on things that move, or are not known yet."""
@@ -213,7 +219,8 @@ class StandingThings:
         left = np.zeros(cloud.hit.size, dtype=np.bool_)
         slip = _slip(list(tracked.values()))
         for k, track in tracked.items():
-            if (track.moves and not slip) or (seen.whole[k] and not track.judged):
+            unproven = not track.judged and track.since_ns > self._since_ns
+            if (track.moves and not slip) or (seen.whole[k] and unproven):
                 left |= things[k]
         return left
 
