@@ -284,7 +284,8 @@ def _with_mount(
     found: LaserCalibration, mount: Mount | None, *, by_counters: bool
 ) -> LaserCalibration:
     """A laser that is turned, but at the origin, stays there for the same reason. Where scans and
-    odometry do not show one motion, as of a robot that skids, stamps are left alone; wheels turn it
+    odometry do not show one motion, as of a robot that skids, or show the delay no better than what
+    is tolerated of it (2 Hz: 135 +- 23 ms for none), stamps are left alone; skidding wheels turn it
     about a point that may as well be elsewhere than its base, so that the place of the laser is
     told, and left as well."""
     if mount is None:
@@ -295,7 +296,7 @@ def _with_mount(
     values = found.declared[PLACED] + mount.off
     told = found.told(PLACED, values, mount.sigmas, np.zeros(4, dtype=np.bool_))
     wrong = _off(told, as_sure_as(SURE_SIGMAS, mount.windows), tolerance)[PLACED]
-    wrong &= np.append(_placed(found), mount.fits)
+    wrong &= np.append(_placed(found), mount.fits and mount.sigmas[-1] < TOLERANCE[DELAY])
     left = wrong & [not mount.fits, not mount.fits, False, False]
     return replace(found.told(PLACED, values, mount.sigmas, wrong & ~left), left=left[:3])
 
