@@ -18,7 +18,7 @@ from slamsim.slam.frontend.match_selection import MatchSelector
 from slamsim.slam.frontend.movers import WIDEST_M, compact_things
 from slamsim.slam.frontend.prediction import Prediction
 from slamsim.slam.frontend.preintegration import OdometryStep
-from slamsim.slam.frontend.standing import PROVEN_S, WATCHED_S
+from slamsim.slam.frontend.standing import PROVEN_S, PROVEN_SCANS, WATCHED_S
 from slamsim.slam.matching import Match
 from slamsim.slam.matching.line import LineMatcher
 
@@ -102,7 +102,7 @@ def test_who_walks_is_left_out_of_each_scan_until_he_stands() -> None:
     walks = [2.0] * 30
     stands = [2.0 - STEP_M * k for k in range(1, 51)]
     left_out = np.array(seen_along(LineMatcher(FrontEndConfig()), [*walks, *stands]))
-    assert np.all(left_out[: len(walks)] > 10), "from the first scan on: he may be one who walks"
+    assert np.all(left_out[PROVEN_SCANS : len(walks)] > 10)
     stood_s = STEP_S * np.arange(1, 51)
     assert np.all(left_out[len(walks) :][stood_s > WATCHED_S + 3 * STEP_S] == 0)
 
