@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamsim.core.geometry import transform_points
+from slamsim.core.geometry import transform_points, wrap_angle
 from slamsim.core.types import BoolArray, Cloud, FloatArray
 from slamsim.slam.frontend.movers import again_s, compact_things, without
 from slamsim.slam.frontend.prediction import Prediction
@@ -165,15 +165,18 @@ class StandingThings:
         self._turned_rad = 0.0
         self._checked_ns: int | None = None
         self._needless = False
-        self._since_ns = 0
+        self._since_ns: int | None = None
+        self._last_rad = 0.0
 
     def left(self, cloud: Cloud, prediction: Prediction, matcher: Matcher) -> Cloud:
         """The cloud without what is not known to stand, where that tells most."""
         odometry = prediction.odometry
         if odometry is None or prediction.jump or odometry.seconds > RAREST_S:
-            self._tracks = []
+            self._forget()
             return cloud
-        self._turned_rad += abs(float(prediction.T_last_base[2]))
+        yaw_rad = prediction.T_odom_base[2:]
+        self._turned_rad += float(np.abs(wrap_angle(yaw_rad - self._last_rad))[0])
+        self._last_rad = float(yaw_rad[0])
         self._check(cloud, prediction.stamp_ns, matcher)
         if self._needless:
             return cloud
@@ -192,13 +195,18 @@ class StandingThings:
         compact = np.zeros(cloud.hit.size, dtype=np.bool_)
         for thing in compact_things(cloud):
             compact |= thing
-        was_needless = self._needless
         self._needless = _compared(matcher, cloud, without(cloud, compact))[0]
-        if was_needless and not self._needless:
-            self._tracks, self._since_ns = [], stamp_ns
+        if self._needless:
+            self._forget()
+
+    def _forget(self) -> None:
+        """What is seen next is not new."""
+        self._tracks, self._since_ns = [], None
 
     def _unproven(self, cloud: Cloud, things: list[BoolArray], prediction: Prediction) -> BoolArray:
         """(n,) beams on things that move, or are not known yet."""
+        if self._since_ns is None:
+            self._since_ns = prediction.stamp_ns
         seen = _Seen.of(cloud, things, prediction)
         stamp_ns, lost_s = prediction.stamp_ns, again_s(prediction)
         self._tracks = [
@@ -260,12 +268,15 @@ class _Seen:
 
 def _middle(cloud: Cloud, beams_m: FloatArray, thing: BoolArray) -> FloatArray:
     """(2,) of a thing as deep as it is wide: that of what is seen of it moves as one drives by."""
-    points_m, beams_m = cloud.points_m[thing], beams_m[thing]
+    own = np.arange(thing.size) < (thing.size if cloud.own_beams is None else cloud.own_beams)
+    one = thing & own  # of lidars beside each other only one looks from where it does
+    one = one if 2 * one.sum() >= thing.sum() else thing & ~own
+    points_m, beams_m = cloud.points_m[one], beams_m[one]
     wide_m = float(np.hypot(*(points_m[-1] - points_m[0])))
     direction = beams_m.mean(axis=0)
     direction = direction / max(float(np.hypot(*direction)), 1e-9)
     near_m = float(np.hypot(*beams_m.T).min())
-    return np.asarray(cloud.origins_m[thing][0] + direction * (near_m + 0.5 * wide_m))
+    return np.asarray(cloud.origins_m[one][0] + direction * (near_m + 0.5 * wide_m))
 
 
 def _is_whole(

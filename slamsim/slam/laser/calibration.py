@@ -132,10 +132,11 @@ class LaserCalibration:
 
     @property
     def is_stamped_at_end(self) -> bool:
-        """Whether scans are plainly stamped when their sweep ends: then they are given the instant
-        of their first beam."""
-        off_s, sigma_s = float(self.used[DELAY]), float(self.sigmas[DELAY])
-        return off_s != 0.0 and abs(off_s + self.sweep_s) < _SURE_SIGMAS * sigma_s
+        """Whether scans are plainly stamped when their sweep ends, or as they then arrive: they are
+        given the instant of their first beam."""
+        off_s, sweep_s = float(self.used[DELAY]), self.sweep_s
+        within_s = max(_SURE_SIGMAS * float(self.sigmas[DELAY]), _ON_ARRIVAL_S)
+        return off_s != 0.0 and sweep_s > 2.0 * within_s and abs(off_s + sweep_s) < within_s
 
     @property
     def moves_odometry(self) -> bool:
@@ -148,9 +149,9 @@ class LaserCalibration:
         """The log as its lidars really recorded it, with a warning for each number corrected."""
         if not any(one._differs for one in (self, *self.beside.values())):
             return log
-        warnings = self._warnings()
+        warnings = self._warnings(moves_odometry=self.moves_odometry)
         for topic, one in self.beside.items():
-            warnings += [f"{topic}: {words}" for words in one._warnings()]
+            warnings += [f"{topic}: {words}" for words in one._warnings(moves_odometry=False)]
         if self.moves_odometry:
             log = _with_motion_later(log, round(-1e9 * float(self.used[DELAY])))
         return replace(
@@ -185,7 +186,7 @@ class LaserCalibration:
     def _differs(self) -> bool:
         return bool(self.corrected.any() or self.left.any()) or self.reversed.laser
 
-    def _warnings(self) -> list[str]:
+    def _warnings(self, *, moves_odometry: bool) -> list[str]:
         off = self.values - self.declared
         size, doubt = off * _UNITS, self.sigmas * _UNITS
         told = [_UPSIDE_DOWN] if self.reversed.laser else []
@@ -199,7 +200,7 @@ class LaserCalibration:
             if n == SWEEP and self.backward:
                 sentence = "the last beam fires first, the first one {} ms later"
                 interval = as_interval(-float(self.used[n] * _UNITS[n]), float(doubt[n]))
-            if n == DELAY and self.moves_odometry:
+            if n == DELAY and moves_odometry:
                 sentence, more, less = _OF_ODOMETRY
             end = "; corrected" if self.corrected[n] else _LEFT
             told.append(sentence.format(interval, more if size[n] > 0.0 else less) + end)
@@ -207,6 +208,9 @@ class LaserCalibration:
 
 
 _SURE_SIGMAS = 3.0
+_ON_ARRIVAL_S, _KNOWN_S = 0.005, 0.01
+"""Scans that are stamped on arrival come some milliseconds after their last beam. A delay that is
+known no better than to the second is not known."""
 _TURNED_WITHIN = np.array([0.05, 0.05, np.deg2rad(10.0)])
 """However unsure a mount is: as well as a tape and a glance tell one."""
 _TURNED_ROUND = (
@@ -254,9 +258,11 @@ class _Corrected:
     for."""
 
     def __init__(self, scans: ScanSource, lidar: LaserCalibration) -> None:
-        self._scans, self._own = scans, _CorrectedShape(lidar)
+        clock_s = float(lidar.used[DELAY]) if lidar.moves_odometry else 0.0
+        self._scans, self._own = scans, _CorrectedShape(lidar, clock_s)
         self._beside = {
-            topic: (_CorrectedShape(one), one.mounted) for topic, one in lidar.beside.items()
+            topic: (_CorrectedShape(one, clock_s), one.mounted)
+            for topic, one in lidar.beside.items()
         }
 
     def __len__(self) -> int:
@@ -276,12 +282,14 @@ class _Corrected:
 
 
 class _CorrectedShape:
-    """Corrects the scans of one lidar."""
+    """Corrects the scans of one lidar. clock_s: its delay if it has the clock to which wheels and
+    gyroscope are set, which one whose own delay is not known has."""
 
-    def __init__(self, lidar: LaserCalibration) -> None:
+    def __init__(self, lidar: LaserCalibration, clock_s: float) -> None:
         used = lidar.used
         self._scale, self._offset_m = float(used[ANGLE_SCALE]), float(used[RANGE_OFFSET])
-        later_s = float(used[DELAY]) if lidar.is_stamped_at_end else 0.0
+        is_known = float(lidar.sigmas[DELAY]) < _KNOWN_S
+        later_s = float(used[DELAY]) - clock_s if is_known else 0.0
         self._later_ns = round(1e9 * later_s)
         self._backward = lidar.backward
         sweep_s = -lidar.sweep_s if self._backward else lidar.sweep_s

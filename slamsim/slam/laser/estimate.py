@@ -316,13 +316,10 @@ def _moved_together(lidars: list[tuple[LaserCalibration, Mount | None]]) -> list
     wrong = np.any([one.corrected[MOUNT] for one, _ in lidars], axis=0)
     wrong &= all(_known(one) for one, _ in lidars)
     moved = []
-    for number, (one, mount) in enumerate(lidars):
+    for one, mount in lidars:
         sigmas = np.inf if mount is None else as_sure_as(DOUBT_SIGMAS, mount.windows)
         off = _off(one, sigmas, np.zeros(len(TOLERANCE)))[MOUNT]
-        # Wheels and gyroscope can be set to one clock alone, the first lidar's.
-        late = one.corrected[DELAY] & (number == 0 or one.is_stamped_at_end)
-        corrected = np.append(wrong & off, late)
-        moved.append(one.told(PLACED, one.values[PLACED], one.sigmas[PLACED], corrected))
+        moved.append(one.told(MOUNT, one.values[MOUNT], one.sigmas[MOUNT], wrong & off))
     return moved
 
 

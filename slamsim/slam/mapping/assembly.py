@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from slamsim.core.geometry import between, compose
 from slamsim.core.result import Event, MapGraph, PoseGraph, SlamResult
-from slamsim.core.types import Log, OutsideTimeRange, PlanarPoses, PlanarTrajectory
+from slamsim.core.types import Log, PlanarPoses, PlanarTrajectory
 from slamsim.core.weighing import in_words
 from slamsim.slam.backend.correction import correct_pieces
 from slamsim.slam.backend.smoothing import Smoothed
@@ -70,13 +73,21 @@ def assemble(
 
 
 def odometry_alone(log: Log, prediction: PlanarTrajectory) -> PlanarTrajectory:
-    """What the log's own odometry says at the tracked scans; the prediction if it is silent."""
-    if log.odometry is None:
+    """What the log's own odometry says at the tracked scans; the prediction if it is silent, and in
+    steps from its ends where scans were tracked before it began or after it ended."""
+    if log.odometry is None or not len(log.odometry):
         return prediction
-    try:
-        return PlanarTrajectory(prediction.stamps_ns, log.odometry.at(prediction.stamps_ns))
-    except OutsideTimeRange:
+    stamps_ns, steps = prediction.stamps_ns, prediction.poses
+    first_ns, last_ns = log.odometry.stamps_ns[[0, -1]].tolist()
+    covered = np.flatnonzero((stamps_ns >= first_ns) & (stamps_ns <= last_ns))
+    if not covered.size:
         return prediction
+    first, last = int(covered[0]), int(covered[-1])
+    poses = steps.copy()
+    poses[covered] = log.odometry.at(stamps_ns[covered])
+    for end, beyond in ((first, slice(0, first)), (last, slice(last + 1, None))):
+        poses[beyond] = compose(poses[end], between(steps[end], steps[beyond]))
+    return PlanarTrajectory(stamps_ns, poses)
 
 
 def _breaks_ns(front_end: FrontEnd, outcome: BackEndOutcome) -> list[int]:
