@@ -210,6 +210,9 @@ def test_scans_that_fold_by_a_rounded_angle_are_unfolded() -> None:
     (repair,) = repairs
     assert repair.number("factor") * 0.0035 == pytest.approx(2.0 * np.pi / (beams - 1))
     advice, repairs = folded(ranges_m, replace(turn, angle_step_rad=0.007))
+    assert "or declare 0.0034926 rad" in advice and not repairs
+    two_turns = replace(turn, angle_max_rad=3.0 * np.pi, angle_step_rad=0.007)
+    advice, repairs = folded(ranges_m, two_turns)
     assert advice == "Publish each turn as a scan of its own." and not repairs
 
 

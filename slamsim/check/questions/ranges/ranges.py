@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -168,7 +169,12 @@ def _folded(topic: str, layout: ScanLayout, beams: int) -> Finding:
     step_rad = layout.unfolded(beams).angle_step_rad
     if step_rad == layout.angle_step_rad:
         words += "SLAM refuses such scans"
-        advice, repairs = "Publish each turn as a scan of its own.", list[Repair]()
+        advice, repairs = "Publish each turn as a scan of its own", list[Repair]()
+        by_ends_rad = (layout.angle_max_rad - layout.angle_min_rad) / (beams - 1)
+        closed = replace(layout, angle_step_rad=by_ends_rad)
+        if np.isfinite(by_ends_rad) and not closed.folds(beams):
+            advice += f", or declare {by_ends_rad:.6g} rad between beams, as the first and last do"
+        advice += "."
     else:
         words += f"the angle between them is rounded, and SLAM takes {step_rad:.6g} rad"
         advice = f"Declare {step_rad:.6g} rad between beams."
