@@ -42,6 +42,9 @@ NO_SWEEP = 0.15
 """Sweeps shorter than this share of the declared one are none: mirrors take as long as is declared,
 or all beams fire at once."""
 
+KNOWN_DELAY_S = 0.01
+"""Delays up to this are left as they are, and one that is known no better is not known."""
+
 OBSERVED_SHARE = 0.3
 """A number counts as observed if the recording left less than this of what was uncertain."""
 
@@ -208,9 +211,8 @@ class LaserCalibration:
 
 
 _SURE_SIGMAS = 3.0
-_ON_ARRIVAL_S, _KNOWN_S = 0.005, 0.01
-"""Scans that are stamped on arrival come some milliseconds after their last beam. A delay that is
-known no better than to the second is not known."""
+_ON_ARRIVAL_S = 0.005
+"""Scans that are stamped on arrival come some milliseconds after their last beam."""
 _TURNED_WITHIN = np.array([0.05, 0.05, np.deg2rad(10.0)])
 """However unsure a mount is: as well as a tape and a glance tell one."""
 _TURNED_ROUND = (
@@ -288,7 +290,7 @@ class _CorrectedShape:
     def __init__(self, lidar: LaserCalibration, clock_s: float) -> None:
         used = lidar.used
         self._scale, self._offset_m = float(used[ANGLE_SCALE]), float(used[RANGE_OFFSET])
-        is_known = float(lidar.sigmas[DELAY]) < _KNOWN_S
+        is_known = float(lidar.sigmas[DELAY]) < KNOWN_DELAY_S
         later_s = float(used[DELAY]) - clock_s if is_known else 0.0
         self._later_ns = round(1e9 * later_s)
         self._backward = lidar.backward
